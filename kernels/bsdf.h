@@ -1,0 +1,70 @@
+/* Materials: reflection of light, and the specular continuation of a path. */
+#ifndef PYRT_BSDF_H
+#define PYRT_BSDF_H
+
+#include "sampling.h"
+#include "surface.h"
+#include "texture.h"
+
+INLINE bool bsdf_is_specular(const global Material *material)
+{
+    return (HAS_REFRACTION && material->kind == MATERIAL_REFRACTION) ||
+           (HAS_DIELECTRIC && material->kind == MATERIAL_DIELECTRIC);
+}
+
+/* Lambert: reflectance / pi, the same for all directions; the cosine is the caller's. */
+INLINE float3 bsdf_diffuse(const Scene *scene, const global Material *material, const Surface *si)
+{
+    if (!si->front && !material->twosided)
+        return (float3)(0.0f);
+    return texture_color(scene, material->texture, si->uv) * INV_PI;
+}
+
+/* Snell's law at an interface with eta = sin(theta_t) / sin(theta_i). d: unit, towards the surface; n: unit, on d's side.
+ * Returns cos^2(theta_t), negative on total internal reflection. The form (1 - eta^2) + eta^2 cos^2 keeps its digits at
+ * grazing angles and for eta near 1. */
+INLINE float cos2_transmitted(float eta, float cos_i)
+{
+    return fma1(eta * eta, cos_i * cos_i, (1.0f - eta) * (1.0f + eta));
+}
+
+INLINE float3 refract(float3 d, float3 n, float eta, float cos_i, float cos_t)
+{
+    if (eta == 1.0f)
+        return d; /* bit-equal */
+    return normalize3(madd3(n, eta * cos_i - cos_t, eta * d));
+}
+
+INLINE float3 reflect(float3 d, float3 n, float cos_i)
+{
+    return normalize3(madd3(n, 2.0f * cos_i, d));
+}
+
+/* Unpolarised Fresnel reflectance of an interface with eta = n_i / n_t. */
+INLINE float fresnel(float eta, float cos_i, float cos_t)
+{
+    float parallel = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+    float perpendicular = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+    return 0.5f * fma1(parallel, parallel, perpendicular * perpendicular);
+}
+
+/* Continues a path through a specular surface: the new direction, and in *weight what the radiance along it counts for.
+ * `refraction` transmits everything; `dielectric` picks reflection with the Fresnel probability, u in [0, 1), and scales
+ * transmitted radiance by eta^2, because radiance over the square of the index is what a ray conserves. */
+INLINE float3 bsdf_specular(const global Material *material, const Surface *si, float3 d, float u, float *weight)
+{
+    float eta = si->front ? material->eta : 1.0f / material->eta;
+    float cos_i = min1(abs1(dot3(d, si->n)), 1.0f);
+    float cos2_t = cos2_transmitted(eta, cos_i);
+    bool reflected = cos2_t < 0.0f;
+    float cos_t = sqrt1(max1(cos2_t, 0.0f));
+    *weight = 1.0f;
+    if (HAS_DIELECTRIC && material->kind == MATERIAL_DIELECTRIC) {
+        reflected = reflected || u < fresnel(eta, cos_i, cos_t);
+        if (!reflected)
+            *weight = eta * eta;
+    }
+    return reflected ? reflect(d, si->n, cos_i) : refract(d, si->n, eta, cos_i, cos_t);
+}
+
+#endif

@@ -1,0 +1,141 @@
+/* One traversal of the 8-wide BVH for closest and any hit.
+ *
+ * Per node: eight padded slab tests in float8, the hit children visited from near to far, the others left on a stack. Wald,
+ * Benthin, Boulos: Getting Rid of Packets, 2008, for the wide single-ray traversal; Ize: Robust BVH Ray Traversal, 2013, for
+ * why boxes need padding. Here the pad covers the triangle test's own error too: a hit that the test accepts may lie outside
+ * the triangle's exact box by a few rounding errors of the ray's farthest depth. The pad is added per ray and axis:
+ *
+ *     pad_a = BOX_ULPS * 2^-24 * (|o_a| + bound_a + |o_z| + bound_z),   z the dominant axis
+ *
+ * Direction components far below the largest one are replaced by a tiny one of the same sign, so that 0 * inf cannot
+ * occur; over the scene's size the ray moves sideways by less than the pad.
+ */
+#ifndef PYRT_BVH_H
+#define PYRT_BVH_H
+
+#include "sphere.h"
+#include "triangle.h"
+
+#ifndef BOX_ULPS
+#define BOX_ULPS 8.0f
+#endif
+
+typedef struct {
+    float inv[3];       /* 1 / direction */
+    float near_add[3];  /* plane * inv + near_add = padded entry distance */
+    float far_add[3];
+    int near_side[3];   /* which of [low, high] a ray meets first */
+} SlabRay;
+
+INLINE SlabRay slab_ray_from(const Scene *scene, const Ray *ray, const Shear *shear)
+{
+    float largest = abs1(axis_of(ray->d, shear->kz));
+    float smallest = max1(largest * 0x1p-40f, 0x1p-120f);
+    float depth = abs1(shear->oz) + scene->params->bound[shear->kz];
+    SlabRay s;
+    for (int a = 0; a < 3; ++a) {
+        float o = axis_of(ray->o, a);
+        float d = axis_of(ray->d, a);
+        float inv = 1.0f / copysign1(max1(abs1(d), smallest), d);
+        float pad = BOX_ULPS * ULP * (abs1(o) + scene->params->bound[a] + depth) * abs1(inv);
+        s.inv[a] = inv;
+        s.near_add[a] = -o * inv - pad;
+        s.far_add[a] = -o * inv + pad;
+        s.near_side[a] = inv < 0.0f;
+    }
+    return s;
+}
+
+/* Which children the ray may hit before t_max, as a mask; their entry distances in *near. */
+INLINE uint slab_hits(const global BvhNode *node, const SlabRay *s, float t_max, float8 *near)
+{
+    float8 nx = fma8(load8(node->bounds[0][s->near_side[0]]), s->inv[0], s->near_add[0]);
+    float8 ny = fma8(load8(node->bounds[1][s->near_side[1]]), s->inv[1], s->near_add[1]);
+    float8 nz = fma8(load8(node->bounds[2][s->near_side[2]]), s->inv[2], s->near_add[2]);
+    float8 fx = fma8(load8(node->bounds[0][1 - s->near_side[0]]), s->inv[0], s->far_add[0]);
+    float8 fy = fma8(load8(node->bounds[1][1 - s->near_side[1]]), s->inv[1], s->far_add[1]);
+    float8 fz = fma8(load8(node->bounds[2][1 - s->near_side[2]]), s->inv[2], s->far_add[2]);
+    float8 entry = max8(max8(nx, ny), max8(nz, 0.0f));
+    float8 leave = min8(min8(fx, fy), min8(fz, t_max));
+    *near = entry;
+    return mask8(entry <= leave);
+}
+
+typedef struct {
+    float near[BVH_STACK_SIZE];
+    int child[BVH_STACK_SIZE];
+    int top;
+} Stack;
+
+/* Returns the nearest of the children in `mask` and leaves the others on the stack, the farthest at the bottom. */
+INLINE int stack_push_far(Stack *stack, const global BvhNode *node, uint mask, float8 near)
+{
+    int lane = lowest_bit(mask);
+    mask &= mask - 1u;
+    int best = node->child[lane];
+    if (mask == 0u)
+        return best;
+    float best_near = ((const float *)&near)[lane];
+    int base = stack->top;
+    for (; mask != 0u; mask &= mask - 1u) {
+        lane = lowest_bit(mask);
+        int child = node->child[lane];
+        float child_near = ((const float *)&near)[lane];
+        if (child_near < best_near) {
+            int swap_child = best;
+            float swap_near = best_near;
+            best = child;
+            best_near = child_near;
+            child = swap_child;
+            child_near = swap_near;
+        }
+        int slot = stack->top++;
+        for (; slot > base && stack->near[slot - 1] < child_near; --slot) {
+            stack->near[slot] = stack->near[slot - 1];
+            stack->child[slot] = stack->child[slot - 1];
+        }
+        stack->near[slot] = child_near;
+        stack->child[slot] = child;
+    }
+    return best;
+}
+
+/* The closest hit, or with `any` some hit, with 0 < t < t_max. `any` is a constant at every call. */
+INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
+{
+    hit->t = ray->t_max;
+    hit->id = -1;
+    Shear shear = shear_from(ray->o, ray->d);
+    if (!(abs1(shear.sz) <= 0x1p100f) || !(abs1(shear.ox) + abs1(shear.oy) + abs1(shear.oz) < INFINITY))
+        return false; /* a direction without length, or not a number */
+    SlabRay slabs = slab_ray_from(scene, ray, &shear);
+    Stack stack;
+    stack.top = 0;
+    int current = scene->params->root;
+    for (;;) {
+        if (current >= 0) {
+            const global BvhNode *node = &scene->nodes[current];
+            float8 near;
+            uint mask = slab_hits(node, &slabs, hit->t, &near);
+            if (mask != 0u) {
+                current = stack_push_far(&stack, node, mask, near);
+                continue;
+            }
+        } else {
+            int block = ~current >> 1;
+            bool found = HAS_SPHERES && (~current & 1) == BLOCK_SPHERES
+                             ? sphere_block_hit(&scene->sphere_blocks[block], ray, any, hit)
+                             : triangle_block_hit(&scene->triangle_blocks[block], &shear, ray, any, hit);
+            if (any && found)
+                return true;
+        }
+        do {
+            if (stack.top == 0)
+                return hit->id >= 0;
+            --stack.top;
+        } while (stack.near[stack.top] > hit->t);
+        current = stack.child[stack.top];
+    }
+}
+
+#endif

@@ -1,0 +1,154 @@
+/* Direct light: a point on a light, and what it would send to a surface if nothing stood between.
+ *
+ * Each sampler returns the light arriving per unit reflectance: emission * cos(theta) * (area measure / pdf), the cosine taken
+ * with the shading normal. Where that is exactly zero no shadow ray is worth tracing.
+ */
+#ifndef PYRT_LIGHT_H
+#define PYRT_LIGHT_H
+
+#include "sampling.h"
+#include "surface.h"
+
+typedef struct {
+    float3 q;          /* where the shadow ray ends: on the light, off its surface by its rounding error */
+    float3 irradiance; /* unoccluded, zero if the light is behind either surface */
+    int first;         /* the primitives that the shadow ray passes through: those that q lies on */
+    uint count;
+} LightSample;
+
+INLINE LightSample light_sample_none(const global Light *light)
+{
+    LightSample s = {(float3)(0.0f), (float3)(0.0f), light->first, (uint)light->count};
+    return s;
+}
+
+/* Cosine at the receiver; 0 below its horizon, which is bounded by both normals. */
+INLINE float receiver_cosine(const Surface *si, float3 wi)
+{
+    return dot3(si->ng, wi) > 0.0f ? max1(dot3(si->n, wi), 0.0f) : 0.0f;
+}
+
+INLINE LightSample point_sample(const global Light *light, const Surface *si)
+{
+    LightSample s = light_sample_none(light);
+    s.q = load3(light->position);
+    float3 to = s.q - si->p;
+    float inv_r2 = 1.0f / dot3(to, to);
+    s.irradiance = load3(light->emission) * (receiver_cosine(si, to * sqrt1(inv_r2)) * inv_r2);
+    return s;
+}
+
+/* An area light's differential form factor without the distance-free factors: cos * cos' / r^2 for a patch at `to`. */
+INLINE float patch_factor(const Surface *si, float3 light_n, float3 to)
+{
+    float inv_r2 = 1.0f / dot3(to, to);
+    return receiver_cosine(si, to) * max1(-dot3(light_n, to), 0.0f) * inv_r2 * inv_r2;
+}
+
+/* Point (u, v) of the unit square with density proportional to the bilinear function of corner weights w: 00, 10, 01, 11.
+ * Returns the density in *pdf. (Hart et al., Practical Product Sampling by Fitting and Composing Warps, 2020.) */
+INLINE float2 sample_bilinear(float2 u, float4 w, float *pdf)
+{
+    float v = sample_linear(u.y, w.x + w.y, w.z + w.w);
+    float a = lerp1(w.x, w.z, v), b = lerp1(w.y, w.w, v);
+    float s = sample_linear(u.x, a, b);
+    *pdf = 4.0f * lerp1(a, b, s) / (w.x + w.y + w.z + w.w);
+    return (float2)(s, v);
+}
+
+/* A point on a rectangle, nearly proportional to what it contributes: the density is the bilinear interpolation of the
+ * contributions of the four corners. Where all four are below the receiver's horizon, the whole rectangle is. */
+INLINE LightSample rectangle_sample(const global Light *light, const Surface *si, float2 u)
+{
+    LightSample s = light_sample_none(light);
+    float3 n = load3(light->n), e1 = load3(light->edge1), e2 = load3(light->edge2);
+    float3 to = load3(light->position) - si->p;
+    float height = -dot3(n, to);
+    if (!(height > 0.0f))
+        return s;
+    float4 x = to.x + (float4)(0.0f, e1.x, e2.x, e1.x + e2.x);
+    float4 y = to.y + (float4)(0.0f, e1.y, e2.y, e1.y + e2.y);
+    float4 z = to.z + (float4)(0.0f, e1.z, e2.z, e1.z + e2.z);
+    float4 r2 = x * x + y * y + z * z + 1e-30f;
+    float4 cosine = x * si->n.x + y * si->n.y + z * si->n.z;
+    float4 w = cosine > 0.0f ? cosine / (r2 * r2) : 0.0f;
+    if (!(w.x + w.y + w.z + w.w > 0.0f))
+        return s;
+    float pdf;
+    float2 st = sample_bilinear(u, w, &pdf);
+    to = madd3(e2, st.y, madd3(e1, st.x, to));
+    s.q = madd3(n, light->offset, madd3(e2, st.y, madd3(e1, st.x, load3(light->position))));
+    s.irradiance = load3(light->emission) * (patch_factor(si, n, to) * light->area / pdf);
+    return s;
+}
+
+/* First index of the ascending 32-bit cumulative distribution whose entry exceeds u. */
+INLINE int cdf_find(const global uint *cdf, int count, uint u)
+{
+    int low = 0, high = count - 1;
+    while (low < high) {
+        int middle = (low + high) / 2;
+        if (cdf[middle] > u)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
+}
+
+/* A triangle of an emitting mesh by area (`pick`: 32 random bits), then a uniform point on it. */
+INLINE LightSample mesh_sample(const Scene *scene, const global Light *light, const Surface *si, float2 u, uint pick)
+{
+    const global uint *cdf = scene->cdf + light->cdf;
+    int i = cdf_find(cdf, light->count, pick);
+    uint share = cdf[i] - (i > 0 ? cdf[i - 1] : 0u) + (i + 1 == light->count ? 1u : 0u);
+    const global Triangle *tri = &scene->triangles[light->first + i];
+    float3 n = load3(tri->n), e1 = load3(tri->e1), e2 = load3(tri->e2);
+    float2 b = sample_triangle(u);
+    float3 q = madd3(e2, b.y, madd3(e1, b.x, load3(tri->v0)));
+    float3 c = cross3(e1, e2);
+    float area_over_pdf = 0.5f * sqrt1(dot3(c, c)) * (0x1p32f / (float)share);
+    LightSample s = light_sample_none(light);
+    s.first = light->first + i;
+    s.count = 1u;
+    s.q = madd3(n, tri->offset, q);
+    s.irradiance = load3(light->emission) * (patch_factor(si, n, q - si->p) * area_over_pdf);
+    return s;
+}
+
+/* A direction uniform in the cone that a sphere fills, and where it first meets the sphere. */
+INLINE LightSample sphere_light_sample(const global Light *light, const Surface *si, float2 u)
+{
+    LightSample s = light_sample_none(light);
+    float3 to = load3(light->position) - si->p;
+    float d2 = dot3(to, to);
+    float sin2_max = light->radius * light->radius / d2;
+    if (!(sin2_max < 1.0f))
+        return s; /* inside: the front is outside */
+    float one_minus_cos_max = sin2_max / (1.0f + sqrt1(1.0f - sin2_max));
+    float one_minus_cos = u.x * one_minus_cos_max;
+    float sin2 = one_minus_cos * (2.0f - one_minus_cos);
+    float cos = 1.0f - one_minus_cos;
+    float3 axis = to * (1.0f / sqrt1(d2)), bx, by;
+    frame_from(axis, &bx, &by);
+    float3 wi = madd3(axis, cos, (bx * cospi(2.0f * u.y) + by * sinpi(2.0f * u.y)) * sqrt1(sin2));
+    float t = sqrt1(d2) * cos - sqrt1(max1(light->radius * light->radius - d2 * sin2, 0.0f));
+    float3 n = normalize3(madd3(wi, t, -to));
+    s.q = madd3(n, light->radius + light->offset, load3(light->position));
+    s.irradiance = load3(light->emission) * (receiver_cosine(si, wi) * 2.0f * PI * one_minus_cos_max);
+    return s;
+}
+
+/* `pair`: the first of two dimension pairs that the light may use. */
+INLINE LightSample light_sample(const Scene *scene, const global Light *light, const Surface *si, Sampler sampler, uint pair)
+{
+    if (HAS_RECTANGLE_LIGHTS && light->kind == LIGHT_RECTANGLE)
+        return rectangle_sample(light, si, sample_2d(sampler, pair));
+    if (HAS_MESH_LIGHTS && light->kind == LIGHT_MESH)
+        return mesh_sample(scene, light, si, sample_2d(sampler, pair), sample_bits(sampler, pair + 1u).x);
+    if (HAS_SPHERE_LIGHTS && light->kind == LIGHT_SPHERE)
+        return sphere_light_sample(light, si, sample_2d(sampler, pair));
+    return point_sample(light, si);
+}
+
+#endif

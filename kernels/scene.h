@@ -1,0 +1,57 @@
+/* All device arrays of a scene, bundled once by the kernel entry; and what a ray is and finds. */
+#ifndef PYRT_SCENE_H
+#define PYRT_SCENE_H
+
+#include "math.h"
+
+typedef struct {
+    const constant SceneParams *params;
+    const global BvhNode *nodes;
+    const global TriangleBlock *triangle_blocks;
+    const global SphereBlock *sphere_blocks;
+    const global Triangle *triangles;
+    const global Corners *corners;
+    const global Sphere *spheres;
+    const global Material *materials;
+    const global Texture *textures;
+    const global float *texels;
+    const global Light *lights;
+    const global uint *cdf;
+} Scene;
+
+/* Points o + t d with 0 < t < t_max. Primitives that the ray must not hit: `self`, which it leaves, and the
+ * `light_count` ones from `light_first` on, which it goes to. */
+typedef struct {
+    float3 o;
+    float3 d;
+    float t_max;
+    int self;
+    int light_first;
+    uint light_count;
+} Ray;
+
+typedef struct {
+    float t;
+    float u; /* triangle: weights of v1 and v2 */
+    float v;
+    int id; /* primitive, or -1 for a miss */
+} Hit;
+
+INLINE Ray ray_make(float3 o, float3 d, float t_max, int self)
+{
+    Ray ray = {o, d, t_max, self, 0, 0u};
+    return ray;
+}
+
+/* Ties go to the lower id, so that the result does not depend on the order of the traversal. */
+INLINE bool hit_is_closer(const Hit *hit, float t, int id)
+{
+    return t < hit->t || (t == hit->t && id < hit->id);
+}
+
+INLINE bool ray_skips(const Ray *ray, int id)
+{
+    return id == ray->self || (uint)(id - ray->light_first) < ray->light_count;
+}
+
+#endif

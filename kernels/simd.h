@@ -1,0 +1,82 @@
+/* The arithmetic that must be one instruction: scalars, and eight lanes at a time.
+ *
+ * PoCL's CPU devices keep the OpenCL builtins as calls into a library (fma alone took a tenth of a frame), where the
+ * compiler's own builtins become instructions. Both round alike; elsewhere the OpenCL ones are used.
+ */
+#ifndef PYRT_SIMD_H
+#define PYRT_SIMD_H
+
+#pragma OPENCL FP_CONTRACT OFF
+
+#ifndef __has_builtin
+#define __has_builtin(x) 0
+#endif
+
+#if defined(__x86_64__) && defined(__FMA__) && defined(__AVX2__) && __has_builtin(__builtin_ia32_vfmaddps256)
+#define NATIVE_X86 1
+#else
+#define NATIVE_X86 0
+#endif
+
+#define INLINE static inline __attribute__((always_inline))
+
+#if NATIVE_X86
+
+typedef float native8 __attribute__((__vector_size__(32)));
+
+INLINE float fma1(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
+INLINE float sqrt1(float a) { return __builtin_sqrtf(a); }
+INLINE float abs1(float a) { return __builtin_fabsf(a); }
+INLINE float floor1(float a) { return __builtin_floorf(a); }
+INLINE float copysign1(float a, float b) { return __builtin_copysignf(a, b); }
+INLINE float min1(float a, float b) { return a < b ? a : b; } /* NaN in a gives b */
+INLINE float max1(float a, float b) { return a > b ? a : b; }
+
+INLINE float8 fma8(float8 a, float8 b, float8 c)
+{
+    return __builtin_astype(__builtin_ia32_vfmaddps256(__builtin_astype(a, native8), __builtin_astype(b, native8),
+                                                       __builtin_astype(c, native8)), float8);
+}
+
+INLINE float8 sqrt8(float8 a)
+{
+    return __builtin_astype(__builtin_ia32_sqrtps256(__builtin_astype(a, native8)), float8);
+}
+
+INLINE float8 load8(const global float *p) { return *(const global float8 *)p; } /* p is 32-byte aligned */
+
+/* Bit k of the result is the sign bit of lane k. */
+INLINE uint mask8(int8 m) { return (uint)__builtin_ia32_movmskps256(__builtin_astype(m, native8)); }
+
+/* Index of the lowest set bit of a non-zero mask. */
+INLINE int lowest_bit(uint mask) { return __builtin_ctz(mask); }
+
+#else
+
+INLINE float fma1(float a, float b, float c) { return fma(a, b, c); }
+INLINE float sqrt1(float a) { return sqrt(a); }
+INLINE float abs1(float a) { return fabs(a); }
+INLINE float floor1(float a) { return floor(a); }
+INLINE float copysign1(float a, float b) { return copysign(a, b); }
+INLINE float min1(float a, float b) { return a < b ? a : b; }
+INLINE float max1(float a, float b) { return a > b ? a : b; }
+INLINE float8 fma8(float8 a, float8 b, float8 c) { return fma(a, b, c); }
+INLINE float8 sqrt8(float8 a) { return sqrt(a); }
+INLINE float8 load8(const global float *p) { return vload8(0, p); }
+
+INLINE uint mask8(int8 m)
+{
+    int8 bits = m & (int8)(1, 2, 4, 8, 16, 32, 64, 128);
+    int4 four = bits.lo | bits.hi;
+    int2 two = four.lo | four.hi;
+    return (uint)(two.x | two.y);
+}
+
+INLINE int lowest_bit(uint mask) { return 31 - (int)clz(mask & (0u - mask)); }
+
+#endif
+
+INLINE float8 min8(float8 a, float8 b) { return a < b ? a : b; }
+INLINE float8 max8(float8 a, float8 b) { return a > b ? a : b; }
+
+#endif

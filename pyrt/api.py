@@ -1,0 +1,29 @@
+"""The public interface in Python: see `load_scene`, `render`, `Renderer` and `RayTracer`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from pyrt.render import Progress, Renderer, Result
+from pyrt.scene import Scene
+from pyrt.scene_io import load_scene
+
+
+def render(
+    scene: Scene | Mapping[str, Any] | str | os.PathLike[str],
+    *,
+    spp: int | None = None,
+    seed: int = 0,
+    size: tuple[int, int] | None = None,
+    device: str | int | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Renders a scene, a dict in the scene format, or a scene file. Arguments as for `Renderer` and `Renderer.render`."""
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    return Renderer(scene, device, progress=progress).render(spp, seed, size)
+
+
+__all__ = ["Renderer", "Result", "load_scene", "render"]

@@ -1,0 +1,195 @@
+"""OpenCL: finding a device, compiling kernels, moving arrays. The only module that imports pyopencl."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.errors import DeviceError
+from pyrt.layout import kernel_dir
+from pyrt.toolchain import ensure_linker
+
+LOCAL_SIZE = 64
+# PoCL compiles a kernel anew for grids below 65,535 work-items and for each local size: one of each is enough.
+_MIN_GLOBAL_SIZE = 65_536
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """One OpenCL device of this machine."""
+
+    index: int
+    name: str
+    platform: str
+    version: str  # of the platform; tells two PoCLs apart
+    kind: str  # "cpu", "gpu" or "other"
+    compute_units: int
+    max_alloc: int  # bytes of the largest single buffer
+    memory: int  # bytes
+    raw: Any
+
+    @property
+    def is_pocl(self) -> bool:
+        return "Portable Computing Language" in self.platform
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.version})"
+
+
+def list_devices() -> list[DeviceInfo]:
+    """All devices, in the driver's order.
+
+    Raises:
+        DeviceError: OpenCL itself cannot be loaded, or no platform is installed.
+    """
+    try:
+        import pyopencl as cl
+    except (ImportError, OSError) as error:
+        raise DeviceError(f"OpenCL cannot be loaded ({error}); run: pip install 'pyopencl[pocl]'") from error
+    devices = []
+    try:
+        platforms = cl.get_platforms()
+    except cl.Error as error:
+        raise DeviceError(f"no OpenCL platform found ({error}); run: pip install 'pyopencl[pocl]'") from error
+    for platform in platforms:
+        try:
+            raw_devices = platform.get_devices()
+        except cl.Error:
+            continue  # a driver without a device
+        for raw in raw_devices:
+            devices.append(_describe(len(devices), platform, raw))
+    return devices
+
+
+def _describe(index: int, platform: Any, raw: Any) -> DeviceInfo:
+    import pyopencl as cl
+
+    kinds = {cl.device_type.CPU: "cpu", cl.device_type.GPU: "gpu"}
+    return DeviceInfo(
+        index=index,
+        name=raw.name.strip(),
+        platform=platform.name.strip(),
+        version=platform.version.strip(),
+        kind=kinds.get(raw.type & (cl.device_type.CPU | cl.device_type.GPU), "other"),
+        compute_units=raw.max_compute_units,
+        max_alloc=raw.max_mem_alloc_size,
+        memory=raw.global_mem_size,
+        raw=raw,
+    )
+
+
+def choose_device(wanted: str | int | None = None) -> DeviceInfo:
+    """The device with the given index or whose name, platform or version contains the text; by default PoCL's CPU
+    device, the newest if there are several, else the first device.
+
+    Raises:
+        DeviceError: there is no device, or none that fits.
+    """
+    devices = list_devices()
+    if not devices:
+        raise DeviceError("no OpenCL device found; run: pip install 'pyopencl[pocl]'")
+    if wanted is None:
+        pocl = [d for d in devices if d.is_pocl and d.kind == "cpu"]
+        return max(pocl, key=lambda d: d.version) if pocl else devices[0]
+    text = str(wanted)
+    if text.isdigit():
+        fits = [d for d in devices if d.index == int(text)]
+    else:
+        fits = [d for d in devices if text.lower() in f"{d.name} {d.platform} {d.version}".lower()]
+    if not fits:
+        names = "; ".join(f"{d.index}: {d}" for d in devices)
+        raise DeviceError(f'no OpenCL device matches "{text}"; there are {names}')
+    return fits[0]
+
+
+class Device:
+    """An opened device: a context, a queue, and the operations that rendering needs."""
+
+    def __init__(self, wanted: str | int | None = None):
+        import pyopencl as cl
+
+        self.info = choose_device(wanted)
+        if self.info.is_pocl:
+            ensure_linker(self.info.version)
+        self._cl = cl
+        try:
+            self._context = cl.Context([self.info.raw])
+            self._queue = cl.CommandQueue(self._context)
+        except cl.Error as error:
+            raise DeviceError(f"{self.info}: cannot be opened ({error})") from error
+        self.compile_seconds = 0.0
+
+    def build(self, source: str, options: Sequence[str]) -> dict[str, Any]:
+        """Compiles a file of `kernels/`; returns its kernels by name."""
+        cl, start = self._cl, perf_counter()
+        folder = kernel_dir()
+        flags = ["-cl-std=CL1.2", f"-DLOCAL_SIZE={LOCAL_SIZE}", *options]
+        if self.info.raw.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
+            flags.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        with _include_option(folder) as include, warnings.catch_warnings():
+            warnings.simplefilter("ignore", cl.CompilerWarning)
+            try:
+                program = cl.Program(self._context, (folder / source).read_text(encoding="utf-8"))
+                # PoCL keeps compiled kernels itself, and its key covers the included headers.
+                program.build([*flags, include], cache_dir=False)
+            except cl.Error as error:
+                raise DeviceError(f"{self.info}: {source} does not compile: {error}") from error
+        self.compile_seconds += perf_counter() - start
+        return {kernel.function_name: kernel for kernel in program.all_kernels()}
+
+    def upload(self, name: str, array: NDArray[Any]) -> Any:
+        """A read-only buffer with the array's bytes, shared with the array where the device allows it."""
+        data = np.ascontiguousarray(array)
+        if data.nbytes > self.info.max_alloc:
+            raise DeviceError(
+                f"{self.info}: {name} needs {data.nbytes / 2**20:.0f} MiB, one buffer holds at most "
+                f"{self.info.max_alloc / 2**20:.0f} MiB; expected a smaller scene or another --device"
+            )
+        if not data.nbytes:
+            data = np.zeros(16, np.uint8)  # OpenCL has no empty buffers
+        flags = self._cl.mem_flags
+        return self._cl.Buffer(self._context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=data)
+
+    def allocate(self, nbytes: int) -> Any:
+        """A buffer for results, which `mapped` shows to the host."""
+        flags = self._cl.mem_flags
+        return self._cl.Buffer(self._context, flags.READ_WRITE | flags.ALLOC_HOST_PTR, max(nbytes, 16))
+
+    def run(self, kernel: Any, items: int, *args: Any) -> None:
+        """Runs at least `items` work-items and waits."""
+        size = max(-(-items // LOCAL_SIZE) * LOCAL_SIZE, _MIN_GLOBAL_SIZE)
+        try:
+            kernel(self._queue, (size,), (LOCAL_SIZE,), *args).wait()
+        except self._cl.Error as error:
+            raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
+
+    @contextmanager
+    def mapped(self, buffer: Any, shape: tuple[int, ...], dtype: Any) -> Iterator[NDArray[Any]]:
+        """The buffer's content as an array, valid inside the `with`; no copy where host and device share memory."""
+        array, _ = self._cl.enqueue_map_buffer(
+            self._queue, buffer, self._cl.map_flags.READ, 0, shape, np.dtype(dtype), is_blocking=True
+        )
+        try:
+            yield array
+        finally:
+            array.base.release(self._queue)
+
+
+@contextmanager
+def _include_option(folder: Path) -> Iterator[str]:
+    """The compiler's -I option for the folder. Not every compiler takes a path with spaces: those get a link without."""
+    if " " not in str(folder):
+        yield f"-I{folder}"
+        return
+    with tempfile.TemporaryDirectory(prefix="pyrt-") as link:
+        (Path(link) / "kernels").symlink_to(folder)
+        yield f"-I{link}/kernels"

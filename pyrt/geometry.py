@@ -1,0 +1,128 @@
+"""The scene's triangles and spheres in one float64 list, cleaned and normalised.
+
+Normalisation subtracts the scene's centre and scales by a power of two, so that |x| <= 1 and float32 holds the
+geometry wherever the scene is and however large. Both are exact for coordinates on the input's grid: scaling a
+scene by 2^k changes no bit of the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.scene import Mesh, Rectangle, Scene, Sphere
+
+COORDINATE_LIMIT = 1e30  # beyond it, squares and scales leave float32's range
+_ULP = 2.0**-24  # half the spacing of float32 in [1, 2)
+_DEGENERATE = 2.0**-44  # sine of the angle below which float64 cannot tell an edge pair from a line
+
+
+@dataclass(frozen=True)
+class Normalisation:
+    """x_normalised = (x − center) · scale, scale a power of two."""
+
+    center: NDArray[np.float64]
+    scale: float
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points - self.center) * self.scale
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Valid triangles in the order of the scene's shapes."""
+
+    corners: NDArray[np.float64]  # (m, 3 corners, 3), world space
+    shape: NDArray[np.int32]  # (m,), index into Scene.shapes
+    source: NDArray[np.int32]  # (m,), index of the triangle within its shape
+    dropped: int  # triangles that were not finite, or had no area
+
+
+def rectangle_corners(rectangle: Rectangle) -> NDArray[np.float64]:
+    """Corners in the order (u, v) = (0, 0), (1, 0), (1, 1), (0, 1), as a (4, 3) array."""
+    c, e1, e2 = (np.asarray(v, np.float64) for v in (rectangle.center, rectangle.edge1, rectangle.edge2))
+    low = c - 0.5 * e1 - 0.5 * e2
+    return np.stack([low, low + e1, low + e1 + e2, low + e2])
+
+
+def gather_triangles(scene: Scene) -> Triangles:
+    """All triangles of meshes and rectangles; those that no ray can meet are dropped and counted."""
+    corners, shapes, sources = [np.empty((0, 3, 3))], [np.empty(0, np.int32)], [np.empty(0, np.int32)]
+    dropped = 0
+    for index, shape in enumerate(scene.shapes):
+        if isinstance(shape, Sphere):
+            continue
+        c = shape.vertices[shape.triangles] if isinstance(shape, Mesh) else _rectangle_triangles(shape)
+        keep = np.flatnonzero(_is_valid(c))
+        dropped += len(c) - len(keep)
+        if isinstance(shape, Mesh) and shape.radiance is not None:
+            keep = keep[_canonical_order(c[keep])]
+        corners.append(c[keep])
+        shapes.append(np.full(len(keep), index, np.int32))
+        sources.append(keep.astype(np.int32))
+    return Triangles(np.concatenate(corners), np.concatenate(shapes), np.concatenate(sources), dropped)
+
+
+def _rectangle_triangles(rectangle: Rectangle) -> NDArray[np.float64]:
+    return rectangle_corners(rectangle)[[[0, 1, 2], [0, 2, 3]]]
+
+
+def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Order by coordinates: which point of a mesh light a sample picks must not depend on the order in the file."""
+    return np.lexsort(corners.reshape(len(corners), 9).T[::-1])
+
+
+def _is_valid(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Finite, within the limit, and not a line or a point, neither in float64 nor after rounding to float32."""
+    flat = corners.reshape(len(corners), 9)
+    valid: NDArray[np.bool_] = (np.abs(flat) < COORDINATE_LIMIT).all(axis=1)  # NaN compares false
+    safe = np.where(valid[:, None, None], corners, 0.0)
+    e1, e2 = safe[:, 1] - safe[:, 0], safe[:, 2] - safe[:, 0]
+    area = np.linalg.norm(np.cross(e1, e2), axis=1)
+    return valid & (area > _DEGENERATE * np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1))
+
+
+def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normalisation:
+    """Centre and scale for the given (n, 3) points and spheres.
+
+    The centre is rounded to a coarse grid of the extent, so that moving a scene by a multiple of that grid moves the
+    centre by exactly as much.
+    """
+    low = [points.min(axis=0)] if len(points) else []
+    high = [points.max(axis=0)] if len(points) else []
+    for sphere in spheres:
+        low.append(np.subtract(sphere.center, sphere.radius))
+        high.append(np.add(sphere.center, sphere.radius))
+    if not low:
+        return Normalisation(np.zeros(3), 1.0)
+    lo, hi = np.min(low, axis=0), np.max(high, axis=0)
+    half = max(float((hi - lo).max()) / 2, np.finfo(np.float64).tiny * 2.0**64)
+    grid = 2.0 ** (np.frexp(half)[1] - 8)
+    center = np.round((lo + hi) / (2 * grid)) * grid
+    extent = max(float(np.abs(np.stack([lo, hi]) - center).max()), half)
+    return Normalisation(center, 2.0 ** -float(np.frexp(extent)[1]))
+
+
+def unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """v / |v| for a (3,) vector of any representable length but zero."""
+    scaled = v / np.abs(v).max()
+    return np.asarray(scaled / np.linalg.norm(scaled))
+
+
+def rounding_offset(
+    v0: NDArray[np.float64], e1: NDArray[np.float64], e2: NDArray[np.float64], n: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How far to move a hit point v0 + u·e1 + v·e2 along n, float32, to be surely off the triangle. Arrays (…, 3).
+
+    On each axis the point is off by at most half an ulp of v0 and three roundings of the edges; twice that clears both
+    the point and the plane as float32 stores it.
+    """
+    error = _ULP * (np.abs(v0) + 3.0 * (np.abs(e1) + np.abs(e2)))
+    return np.asarray(2.0 * (error * np.abs(n)).sum(axis=-1))
+
+
+def sphere_offset(center: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same for a point center + radius·n of a sphere."""
+    return np.asarray(4.0 * _ULP * (np.abs(center).sum(axis=-1) + 4.0 * radius))

@@ -1,0 +1,224 @@
+"""Scene → the arrays that the kernels read: normalised, float32, laid out as `kernels/types.h` says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.features import feature_table, used_textures
+from pyrt.geometry import Normalisation, Triangles, gather_triangles, normalisation, rounding_offset, sphere_offset, unit
+from pyrt.layout import constants, dtypes
+from pyrt.pack_lights import pack_lights
+from pyrt.scene import (
+    Camera,
+    CheckerboardTexture,
+    ConstantTexture,
+    Dielectric,
+    Diffuse,
+    ImageTexture,
+    Mesh,
+    Rectangle,
+    Refraction,
+    Scene,
+    Shape,
+    Sphere,
+)
+from pyrt.tree import build_tree
+
+
+@dataclass(frozen=True)
+class PackedScene:
+    """Device arrays by the name of the kernel argument, and what the host still needs to know."""
+
+    arrays: dict[str, NDArray[Any]]
+    params: NDArray[Any]  # SceneParams, without the camera
+    space: Normalisation
+    bound: NDArray[np.float64]  # (3,), |x| of the normalised scene
+    report: dict[str, Any]  # counts for `info` and `stats`
+
+
+def pack_scene(scene: Scene) -> PackedScene:
+    """Everything of the scene but its camera (see `pack_camera`)."""
+    triangles = gather_triangles(scene)
+    spheres = [s for s in scene.shapes if isinstance(s, Sphere)]
+    space = normalisation(triangles.corners.reshape(-1, 3), spheres)
+    corners = space.apply(triangles.corners)
+    lights, light_of_shape, cdf = pack_lights(scene, triangles, corners, space)
+    sphere_array = _pack_spheres(scene, spheres, light_of_shape, space)
+    start = perf_counter()
+    tree = build_tree(corners.astype(np.float32), sphere_array)
+    build_seconds = perf_counter() - start
+    textures, texels = _pack_textures(scene)
+    corner_array, corner_index = _pack_corners(scene, triangles)
+    arrays = {
+        "nodes": tree.nodes,
+        "triangle_blocks": tree.triangle_blocks,
+        "sphere_blocks": tree.sphere_blocks,
+        "triangles": _pack_triangles(scene, triangles, corners, corner_index, light_of_shape),
+        "corners": corner_array,
+        "spheres": sphere_array,
+        "materials": _pack_materials(scene),
+        "textures": textures,
+        "texels": texels,
+        "lights": lights,
+        "cdf": cdf,
+    }
+    bound = _bound(corners, sphere_array)
+    params = np.zeros((), dtypes()["SceneParams"])
+    params["root"] = tree.root
+    params["triangle_count"] = len(corners)
+    params["light_count"] = len(lights)
+    params["bound"] = _round_up(bound)
+    report = {
+        "triangles": len(corners),
+        "spheres": len(spheres),
+        "lights": len(lights),
+        "texels": len(texels) // 3,
+        "nodes": len(tree.nodes),
+        "blocks": len(tree.triangle_blocks) + len(tree.sphere_blocks),
+        "depth": tree.depth,
+        "dropped_triangles": triangles.dropped,
+        "build_seconds": build_seconds,
+        "bytes": sum(array.nbytes for array in arrays.values()),
+    }
+    return PackedScene(arrays, params, space, bound, report)
+
+
+def pack_camera(packed: PackedScene, camera: Camera, width: int, height: int) -> NDArray[Any]:
+    """The Camera struct for a film of the given size. A camera outside the scene's box starts its rays on a plane
+    just before the box, so that float32 need not hold the distance."""
+    position = packed.space.apply(np.asarray(camera.position))
+    forward = unit(np.subtract(camera.look_at, camera.position))
+    right = unit(np.cross(forward, np.asarray(camera.up, np.float64)))
+    up = np.cross(right, forward)
+    pixel = 2 * np.tan(np.radians(camera.fov) / 2) / height
+    dx, dy = right * pixel, -up * pixel
+    corner = forward - dx * (width / 2) - dy * (height / 2)
+    nearest = -position @ forward - packed.bound @ np.abs(forward)
+    advance = max(0.0, nearest - 2.0**-8)
+    out = np.zeros((), dtypes()["Camera"])
+    out["origin"] = position + advance * corner
+    out["origin_dx"], out["origin_dy"] = advance * dx, advance * dy
+    out["direction"], out["direction_dx"], out["direction_dy"] = corner, dx, dy
+    return out
+
+
+def _round_up(x: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.nextafter(x.astype(np.float32), np.float32(np.inf))
+
+
+def _bound(corners: NDArray[np.float64], spheres: NDArray[Any]) -> NDArray[np.float64]:
+    bound = np.abs(corners).max(axis=(0, 1), initial=0.0)
+    if len(spheres):
+        reach = np.abs(spheres["center"].astype(np.float64)) + spheres["radius"][:, None].astype(np.float64)
+        bound = np.maximum(bound, reach.max(axis=0))
+    return np.asarray(bound, np.float64)
+
+
+def _material(shape: Shape) -> int:
+    return -1 if shape.material is None else shape.material
+
+
+def _pack_triangles(
+    scene: Scene,
+    triangles: Triangles,
+    corners: NDArray[np.float64],
+    corner_index: NDArray[np.int32],
+    light_of_shape: NDArray[np.int32],
+) -> NDArray[Any]:
+    v0, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    scale = np.maximum(np.abs(e1).max(axis=1), np.abs(e2).max(axis=1))[:, None]  # keeps tiny areas from underflow
+    n = np.cross(e1 / scale, e2 / scale)
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    material_of_shape = np.array([_material(s) for s in scene.shapes], np.int32)
+    out = np.empty(len(corners), dtypes()["Triangle"])
+    out["v0"], out["e1"], out["e2"], out["n"] = v0, e1, e2, n
+    out["offset"] = rounding_offset(v0, e1, e2, n)
+    out["material"] = material_of_shape[triangles.shape]
+    out["light"] = light_of_shape[triangles.shape]
+    out["corners"] = corner_index
+    return out
+
+
+def _pack_corners(scene: Scene, triangles: Triangles) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """Attributes of the triangles that have some which matter, and each triangle's index of them or −1."""
+    on = {row.macro: row.on for row in feature_table(scene)}
+    index = np.full(len(triangles.shape), -1, np.int32)
+    parts = [np.empty(0, dtypes()["Corners"])]
+    count = 0
+    for i, shape in enumerate(scene.shapes):
+        flat = not isinstance(shape, Mesh) or (shape.normals is None and (shape.uvs is None or not on["HAS_TEXTURES"]))
+        if flat and not (isinstance(shape, Rectangle) and on["HAS_TEXTURES"]):
+            continue
+        mine = np.flatnonzero(triangles.shape == i)
+        index[mine] = count + np.arange(len(mine), dtype=np.int32)
+        parts.append(_shape_corners(shape, triangles, mine))
+        count += len(mine)
+    return np.concatenate(parts), index
+
+
+def _shape_corners(shape: Shape, triangles: Triangles, mine: NDArray[np.intp]) -> NDArray[Any]:
+    out = np.zeros(len(mine), dtypes()["Corners"])
+    source = triangles.source[mine]
+    if isinstance(shape, Rectangle):
+        out["uv"] = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], np.float32)[source]
+        return out
+    assert isinstance(shape, Mesh)
+    out["uv"] = shape.uvs[source] if shape.uvs is not None else np.array([(0, 0), (1, 0), (1, 1)], np.float32)
+    if shape.normals is not None:
+        out["n"] = shape.normals[source]
+    return out
+
+
+def _pack_spheres(scene: Scene, spheres: list[Sphere], light_of_shape: NDArray[np.int32], space: Normalisation) -> NDArray[Any]:
+    indices = [i for i, s in enumerate(scene.shapes) if isinstance(s, Sphere)]
+    out = np.zeros(len(spheres), dtypes()["Sphere"])
+    if not spheres:
+        return out
+    center = space.apply(np.array([s.center for s in spheres], np.float64))
+    radius = np.array([s.radius for s in spheres], np.float64) * space.scale
+    out["center"], out["radius"] = center, radius
+    out["offset"] = sphere_offset(center, radius)
+    out["material"] = [_material(s) for s in spheres]
+    out["light"] = light_of_shape[indices]
+    return out
+
+
+def _pack_materials(scene: Scene) -> NDArray[Any]:
+    kinds = constants()
+    out = np.zeros(len(scene.materials), dtypes()["Material"])
+    for row, material in zip(out, scene.materials, strict=True):
+        if isinstance(material, Diffuse):
+            row["kind"], row["texture"], row["twosided"] = kinds["MATERIAL_DIFFUSE"], material.texture, material.twosided
+        elif isinstance(material, Refraction):
+            row["kind"], row["eta"] = kinds["MATERIAL_REFRACTION"], material.eta
+        elif isinstance(material, Dielectric):
+            row["kind"], row["eta"] = kinds["MATERIAL_DIELECTRIC"], material.ext_ior / material.int_ior
+    return out
+
+
+def _pack_textures(scene: Scene) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """Textures, and the texels of the images that some used material reads."""
+    kinds = constants()
+    used = set(used_textures(scene))
+    out = np.zeros(len(scene.textures), dtypes()["Texture"])
+    texels = [np.empty(0, np.float32)]
+    first = 0
+    for i, (row, texture) in enumerate(zip(out, scene.textures, strict=True)):
+        if isinstance(texture, ConstantTexture):
+            row["kind"], row["color0"] = kinds["TEXTURE_CONSTANT"], texture.color
+            continue
+        row["scale_s"], row["scale_t"] = texture.scale
+        row["delta"] = texture.delta
+        if isinstance(texture, CheckerboardTexture):
+            row["kind"], row["color0"], row["color1"] = kinds["TEXTURE_CHECKERBOARD"], texture.color0, texture.color1
+        elif isinstance(texture, ImageTexture) and i in used:
+            row["kind"], row["texels"] = kinds["TEXTURE_IMAGE"], first
+            row["height"], row["width"] = texture.pixels.shape[:2]
+            texels.append(texture.pixels.reshape(-1))
+            first += texture.pixels.shape[0] * texture.pixels.shape[1]
+    return out, np.concatenate(texels)

@@ -1,0 +1,78 @@
+"""Lights of a scene as the kernels sample them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.geometry import Normalisation, Triangles, rectangle_corners, rounding_offset, sphere_offset, unit
+from pyrt.layout import constants, dtypes
+from pyrt.scene import PointLight, Rectangle, Scene, Sphere
+
+
+def pack_lights(
+    scene: Scene, triangles: Triangles, corners: NDArray[np.float64], space: Normalisation
+) -> tuple[NDArray[Any], NDArray[np.int32], NDArray[np.uint32]]:
+    """Lights, the light index of each shape (or −1), and the cumulative areas of mesh lights."""
+    light_of_shape = np.full(len(scene.shapes), -1, np.int32)
+    rows: list[NDArray[Any]] = [_point_light(light, space) for light in scene.lights]
+    cdfs = [np.empty(0, np.uint32)]
+    sphere_id = len(triangles.shape)
+    for i, shape in enumerate(scene.shapes):
+        mine = np.flatnonzero(triangles.shape == i)
+        if shape.radiance is not None and (isinstance(shape, Sphere) or len(mine)):
+            light_of_shape[i] = len(rows)
+            if isinstance(shape, Sphere):
+                row = _sphere_light(shape, sphere_id, space)
+            elif isinstance(shape, Rectangle):
+                row = _rectangle_light(shape, mine, space)
+            else:
+                row, cdf = _mesh_light(mine, corners[mine], sum(len(c) for c in cdfs))
+                cdfs.append(cdf)
+            row["emission"] = shape.radiance
+            rows.append(row)
+        sphere_id += isinstance(shape, Sphere)
+    out = np.array(rows, dtypes()["Light"]) if rows else np.zeros(0, dtypes()["Light"])
+    return out, light_of_shape, np.concatenate(cdfs)
+
+
+def _light_row(kind: str, first: int, count: int) -> NDArray[Any]:
+    row = np.zeros((), dtypes()["Light"])
+    row["kind"], row["first"], row["count"] = constants()[kind], first, count
+    return row
+
+
+def _point_light(light: PointLight, space: Normalisation) -> NDArray[Any]:
+    row = _light_row("LIGHT_POINT", 0, 0)
+    row["position"] = space.apply(np.asarray(light.position))
+    row["emission"] = np.asarray(light.flux) / (4 * np.pi) * space.scale * space.scale
+    return row
+
+
+def _rectangle_light(shape: Rectangle, mine: NDArray[np.intp], space: Normalisation) -> NDArray[Any]:
+    row = _light_row("LIGHT_RECTANGLE", int(mine[0]), len(mine))
+    corners = space.apply(rectangle_corners(shape))
+    e1, e2 = np.asarray(shape.edge1) * space.scale, np.asarray(shape.edge2) * space.scale
+    normal = np.cross(e1, e2)
+    row["position"], row["edge1"], row["edge2"], row["n"] = corners[0], e1, e2, unit(normal)
+    row["area"] = np.linalg.norm(normal)
+    row["offset"] = rounding_offset(corners[0], e1, e2, unit(normal))
+    return row
+
+
+def _mesh_light(mine: NDArray[np.intp], corners: NDArray[np.float64], first: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    row = _light_row("LIGHT_MESH", int(mine[0]), len(mine))
+    row["cdf"] = first
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    cumulative = np.round(np.cumsum(areas) / areas.sum() * 2.0**32)
+    return row, np.minimum(cumulative, 2.0**32 - 1).astype(np.uint32)
+
+
+def _sphere_light(shape: Sphere, sphere_id: int, space: Normalisation) -> NDArray[Any]:
+    row = _light_row("LIGHT_SPHERE", sphere_id, 1)
+    center = space.apply(np.asarray(shape.center))
+    row["position"], row["radius"] = center, shape.radius * space.scale
+    row["offset"] = sphere_offset(center, row["radius"])
+    return row

@@ -1,0 +1,107 @@
+"""The BVH over all primitives, as the arrays that the kernels traverse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt import bvh
+from pyrt.layout import constants, dtypes
+
+_ULP = 2.0**-24
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Arrays of BvhNode, TriangleBlock and SphereBlock, the root's child reference, and the levels of nodes."""
+
+    nodes: NDArray[Any]
+    triangle_blocks: NDArray[Any]
+    sphere_blocks: NDArray[Any]
+    root: int
+    depth: int
+
+
+def build_tree(corners: NDArray[np.float32], spheres: NDArray[Any]) -> Tree:
+    """One tree over (m, 3, 3) triangles and an array of Sphere: a tree of each, under a common root if there are both.
+
+    Triangles are primitives 0 … m − 1, spheres follow.
+    """
+    kinds = constants()
+    parts: list[_Part] = []
+    triangle_blocks = np.empty(0, dtypes()["TriangleBlock"])
+    sphere_blocks = np.empty(0, dtypes()["SphereBlock"])
+    if len(corners):
+        part = _part(corners.min(axis=1), corners.max(axis=1), kinds["BLOCK_TRIANGLES"])
+        triangle_blocks = _triangle_blocks(corners, part.tree.blocks)
+        parts.append(part)
+    if len(spheres):
+        part = _part(*_sphere_bounds(spheres), kinds["BLOCK_SPHERES"])
+        sphere_blocks = _sphere_blocks(spheres, part.tree.blocks, len(corners))
+        parts.append(part)
+    nodes, root, depth = _join(parts)
+    return Tree(nodes, triangle_blocks, sphere_blocks, root, depth)
+
+
+@dataclass(frozen=True)
+class _Part:
+    tree: bvh.Bvh
+    kind: int  # of its blocks
+    extent: NDArray[np.float32]  # (axis, [low, high])
+
+
+def _part(low: NDArray[np.float32], high: NDArray[np.float32], kind: int) -> _Part:
+    return _Part(bvh.build(low, high), kind, np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
+
+
+def _join(parts: list[_Part]) -> tuple[NDArray[Any], int, int]:
+    """Nodes, root reference and depth of the parts together."""
+    nodes: list[NDArray[Any]] = []
+    roots: list[int] = []
+    first = 0
+    for part in parts:
+        mine = np.zeros(len(part.tree.child), dtypes()["BvhNode"])
+        mine["bounds"] = part.tree.bounds
+        mine["child"] = _reference(part.tree.child, part.kind, first)
+        nodes.append(mine)
+        roots.append(int(_reference(np.array(part.tree.root), part.kind, first)))
+        first += len(mine)
+    depth = max((part.tree.depth for part in parts), default=0)
+    if len(parts) == 1:
+        return nodes[0], roots[0], depth
+    top = np.zeros(1, dtypes()["BvhNode"])  # of an empty scene: a root without children
+    top["bounds"][:, :, 0], top["bounds"][:, :, 1] = np.inf, -np.inf
+    for slot, (part, root) in enumerate(zip(parts, roots, strict=True)):
+        top["bounds"][0, :, :, slot] = part.extent
+        top["child"][0, slot] = root
+    return np.concatenate([*nodes, top]), first, depth + 1
+
+
+def _reference(child: NDArray[np.int32], kind: int, first: int) -> NDArray[np.int32]:
+    """The kernels' child reference: inner nodes count on from `first`, a leaf also tells the kind of its block."""
+    return np.where(child >= 0, child + first, ~(2 * ~child + kind)).astype(np.int32)
+
+
+def _triangle_blocks(corners: NDArray[np.float32], blocks: NDArray[np.int32]) -> NDArray[Any]:
+    out = np.empty(len(blocks), dtypes()["TriangleBlock"])
+    lanes = corners[blocks]  # (blocks, 8, corner, axis)
+    lanes[blocks < 0] = np.nan
+    out["vertex"] = lanes.transpose(0, 2, 3, 1)
+    out["id"] = blocks
+    return out
+
+
+def _sphere_bounds(spheres: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    reach = spheres["radius"][:, None] * np.float32(1 + 4 * _ULP) + np.abs(spheres["center"]) * np.float32(2 * _ULP)
+    return spheres["center"] - reach, spheres["center"] + reach
+
+
+def _sphere_blocks(spheres: NDArray[Any], blocks: NDArray[np.int32], first_id: int) -> NDArray[Any]:
+    out = np.empty(len(blocks), dtypes()["SphereBlock"])
+    out["center"] = spheres["center"][blocks].transpose(0, 2, 1)
+    out["radius"] = np.where(blocks < 0, np.nan, spheres["radius"][blocks])
+    out["id"] = np.where(blocks < 0, -1, blocks + first_id)
+    return out
