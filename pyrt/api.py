@@ -9,6 +9,7 @@ from typing import Any
 from pyrt.render import Progress, Renderer, Result
 from pyrt.scene import Scene
 from pyrt.scene_io import load_scene
+from pyrt.tracer import Hits, RayTracer
 
 
 def render(
@@ -26,4 +27,4 @@ def render(
     return Renderer(scene, device, progress=progress).render(spp, seed, size)
 
 
-__all__ = ["Renderer", "Result", "load_scene", "render"]
+__all__ = ["Hits", "RayTracer", "Renderer", "Result", "load_scene", "render"]

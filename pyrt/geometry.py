@@ -55,7 +55,7 @@ def gather_triangles(scene: Scene) -> Triangles:
         if isinstance(shape, Sphere):
             continue
         c = shape.vertices[shape.triangles] if isinstance(shape, Mesh) else _rectangle_triangles(shape)
-        keep = np.flatnonzero(_is_valid(c))
+        keep = np.flatnonzero(valid_triangles(c))
         dropped += len(c) - len(keep)
         if isinstance(shape, Mesh) and shape.radiance is not None:
             keep = keep[_canonical_order(c[keep])]
@@ -74,8 +74,8 @@ def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.lexsort(corners.reshape(len(corners), 9).T[::-1])
 
 
-def _is_valid(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Finite, within the limit, and not a line or a point, neither in float64 nor after rounding to float32."""
+def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(m,) bool for (m, 3, 3) corners: finite, within the limit, and neither a line nor a point."""
     flat = corners.reshape(len(corners), 9)
     valid: NDArray[np.bool_] = (np.abs(flat) < COORDINATE_LIMIT).all(axis=1)  # NaN compares false
     safe = np.where(valid[:, None, None], corners, 0.0)

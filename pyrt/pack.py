@@ -72,7 +72,7 @@ def pack_scene(scene: Scene) -> PackedScene:
     params["root"] = tree.root
     params["triangle_count"] = len(corners)
     params["light_count"] = len(lights)
-    params["bound"] = _round_up(bound)
+    params["bound"] = round_up(bound)
     report = {
         "triangles": len(corners),
         "spheres": len(spheres),
@@ -107,7 +107,7 @@ def pack_camera(packed: PackedScene, camera: Camera, width: int, height: int) ->
     return out
 
 
-def _round_up(x: NDArray[np.float64]) -> NDArray[np.float32]:
+def round_up(x: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.nextafter(x.astype(np.float32), np.float32(np.inf))
 
 

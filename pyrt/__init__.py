@@ -1,0 +1,37 @@
+"""pyrt, a ray tracer that Python drives and OpenCL runs.
+
+    import pyrt
+    result = pyrt.render(pyrt.load_scene("scenes/cornell.json"))
+    result.save("cornell.exr")
+
+`import pyrt` is quick: what needs numpy or OpenCL is imported when it is first used.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from pyrt.errors import DeviceError, PyrtError, SceneError, UsageError
+
+if TYPE_CHECKING:
+    from pyrt.api import RayTracer, Renderer, load_scene, render
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "DeviceError",
+    "PyrtError",
+    "RayTracer",
+    "Renderer",
+    "SceneError",
+    "UsageError",
+    "__version__",
+    "load_scene",
+    "render",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'pyrt' has no attribute {name!r}")
+    from pyrt import api
+
+    return getattr(api, name)

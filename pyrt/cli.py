@@ -1,0 +1,202 @@
+"""The command line: `python -m pyrt VERB …`, or `pyrt VERB …`. Heavy imports wait until a verb needs them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from pyrt import __version__
+from pyrt.errors import PyrtError, SceneError, UsageError
+
+if TYPE_CHECKING:
+    from pyrt.render import Result
+    from pyrt.scene import Scene
+
+_EXIT_CODES = """exit codes:
+  0 done   1 rendering failed   2 wrong usage   3 invalid scene   4 no usable OpenCL device   130 interrupted"""
+
+_RENDER_EXAMPLES = """examples:
+  pyrt render scenes/cornell.json                        writes cornell.exr and cornell.png
+  pyrt render example:showcase --spp 256 -o glass.png    a scene that comes with pyrt
+  pyrt render scene.json --size 320x240 --set camera.fov=30
+  pyrt render scene.json -o a.exr -o a.png --exposure 1  several files from one rendering
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command; returns the exit code."""
+    args = _parser().parse_args(argv)
+    try:
+        status: int = args.run(args)
+        return status
+    except PyrtError as error:
+        print(f"pyrt: {error}" if not isinstance(error, SceneError) else error, file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("pyrt: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+
+
+# --- verbs ------------------------------------------------------------------------------------------------------------
+
+
+def _render(args: argparse.Namespace) -> int:
+    from pyrt.image_io import check_output
+    from pyrt.progress import show_progress
+    from pyrt.render import Renderer
+
+    outputs = args.output or []
+    for path in outputs:
+        check_output(path)
+    with show_progress("none" if args.quiet else args.progress) as progress:
+        progress({"stage": "load", "done": 0.0})
+        scene = _load(args)
+        outputs = outputs or [f"{scene.name}.exr", f"{scene.name}.png"]
+        _check_outputs(outputs, args.no_clobber)
+        renderer = Renderer(scene, args.device, progress=progress)
+        result = renderer.render(args.spp, args.seed, args.size, progress=progress)
+    for path in outputs:
+        result.save(path, exposure=args.exposure)
+    if args.stats:
+        _write_stats(args.stats, result)
+    if not args.quiet:
+        _summarise(result, outputs)
+    return 0
+
+
+def _info(args: argparse.Namespace) -> int:
+    from pyrt.info import scene_report
+
+    print(scene_report(_load(args)))
+    return 0
+
+
+def _validate(args: argparse.Namespace) -> int:
+    scene = _load(args)
+    print(f"{args.scene}: valid, {len(scene.shapes)} objects")
+    return 0
+
+
+def _devices(args: argparse.Namespace) -> int:
+    from pyrt.device import choose_device, list_devices
+
+    default = choose_device()
+    for device in list_devices():
+        mark = "*" if device.index == default.index else " "
+        size = f"{device.compute_units} compute units, {device.memory / 2**30:.1f} GiB"
+        print(f"{mark} {device.index}: {device.kind}  {device.name}\n      {device.platform}, {device.version}\n      {size}")
+    return 0
+
+
+# --- helpers ----------------------------------------------------------------------------------------------------------
+
+
+def _load(args: argparse.Namespace) -> Scene:
+    from pyrt.scene_io import load_scene
+
+    scene = load_scene(args.scene, overrides=dict(args.set or ()))
+    for warning in scene.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return scene
+
+
+def _check_outputs(paths: list[str], no_clobber: bool) -> None:
+    from pathlib import Path
+
+    from pyrt.image_io import check_output
+
+    for path in paths:
+        check_output(path)
+        if no_clobber and Path(path).exists():
+            raise UsageError(f"{path}: exists already, and --no-clobber forbids to replace it")
+
+
+def _write_stats(path: str, result: Result) -> None:
+    text = json.dumps(result.stats, indent=2)
+    if path == "-":
+        print(text)
+        return
+    from pyrt.files import replacing
+
+    try:
+        with replacing(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
+
+
+def _summarise(result: Result, outputs: list[str]) -> None:
+    stats, seconds = result.stats, result.stats["seconds"]
+    height, width = result.samples.shape
+    dropped = stats["dropped"]
+    for count, what in ((dropped["triangles"], "triangles without area or with bad coordinates"),
+                        (dropped["samples"], "samples that were not finite")):
+        if count:
+            print(f"warning: {count} {what} were left out", file=sys.stderr)
+    rate = stats["samples"] / max(seconds["render"], 1e-9) / 1e6
+    print(
+        f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] // (width * height)} spp, "
+        f"{seconds['render']:.2f} s at {rate:.1f} M samples/s on {stats['device']}",
+        file=sys.stderr,
+    )
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition("x")
+    if not (cross and width.isdigit() and height.isdigit()):
+        raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT such as 640x480, got "{text}"')
+    return int(width), int(height)
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    path, equals, value = text.partition("=")
+    if not (equals and path):
+        raise argparse.ArgumentTypeError(f'expected PATH=VALUE such as camera.fov=40, got "{text}"')
+    try:
+        return path, json.loads(value)
+    except ValueError:
+        return path, value
+
+
+def _parser() -> argparse.ArgumentParser:
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="pyrt", description="A ray tracer that Python drives and OpenCL runs.", epilog=_EXIT_CODES, formatter_class=formatter
+    )
+    parser.add_argument("--version", action="version", version=f"pyrt {__version__}")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+
+    on_scene = argparse.ArgumentParser(add_help=False)
+    on_scene.add_argument("scene", metavar="SCENE", help="a scene file, or example:NAME")
+    on_scene.add_argument("--set", metavar="PATH=VALUE", type=_setting, action="append", help="replace a value of the scene")
+
+    render = verbs.add_parser(
+        "render", parents=[on_scene], help="render a scene to a picture", epilog=_RENDER_EXAMPLES + _EXIT_CODES,
+        formatter_class=formatter,
+    )
+    render.add_argument("-o", "--output", metavar="FILE", action="append", help="picture to write, format by extension; "
+                        "may be repeated (default: SCENE.exr and SCENE.png in the current folder)")
+    render.add_argument("--spp", type=int, metavar="N", help="samples per pixel (default: the scene's)")
+    render.add_argument("--size", type=_size, metavar="WxH", help="picture size in pixels (default: the scene's)")
+    render.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the sample points (default: 0)")
+    render.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
+    render.add_argument("--device", metavar="NAME", help="index or part of the name of an OpenCL device (see: pyrt devices)")
+    render.add_argument("--no-clobber", action="store_true", help="refuse to replace a file")
+    render.add_argument("--stats", metavar="FILE", help="write times and counts as JSON; - for standard output")
+    render.add_argument("--progress", choices=("auto", "bar", "json", "none"), default="auto")
+    render.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors and warnings")
+    render.set_defaults(run=_render)
+
+    for name, run, text in (
+        ("info", _info, "what a scene holds, and which features it compiles in"),
+        ("validate", _validate, "check a scene and the files it names, all errors at once"),
+    ):
+        verbs.add_parser(name, parents=[on_scene], help=text).set_defaults(run=run)
+    verbs.add_parser("devices", help="list the OpenCL devices").set_defaults(run=_devices)
+    return parser

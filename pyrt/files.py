@@ -1,0 +1,43 @@
+"""Reading a whole file, and replacing one so that nobody ever sees a half-written version."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pyrt.errors import SceneError
+
+
+def check_file(path: str | os.PathLike[str]) -> None:
+    """Raises SceneError, one sentence, unless `path` is a regular file that can be opened."""
+    try:
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise SceneError(f"{path}: expected a file, found a {'folder' if os.path.isdir(path) else 'device'}")
+        open(path, "rb").close()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise SceneError(f"{path}: cannot be read: {reason.lower()}") from None
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """All bytes of a regular file. Raises SceneError as `check_file`."""
+    check_file(path)
+    return Path(path).read_bytes()
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yields a temporary name beside `path` with its extension; what is written there replaces `path` at the end.
+
+    When the block raises, `path` keeps its old content and the temporary file is removed.
+    """
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)

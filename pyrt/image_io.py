@@ -1,0 +1,220 @@
+"""Reads textures and writes pictures, by OpenImageIO. Colours are linear Rec.709, row 0 is at the top."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.errors import PyrtError, SceneError, UsageError
+from pyrt.files import check_file, replacing
+
+MAX_TEXTURE_SIDE = 32768
+MAX_TEXELS = 2**27  # 1.5 GiB of float32 RGB; a device buffer may end at 2 GiB
+MAX_HALF = 65504.0
+
+_DISPLAY = {".png", ".jpg", ".jpeg"}
+_LINEAR = {".exr", ".hdr", ".tif", ".tiff", ".npy"}
+
+Image = NDArray[np.float32]
+
+
+class TextureData(NamedTuple):
+    """A texture's colours, and what was dropped on reading it."""
+
+    pixels: Image  # (height, width, 3)
+    warnings: tuple[str, ...] = ()
+
+
+def srgb_to_linear(values: NDArray[Any]) -> NDArray[Any]:
+    """Decodes the sRGB curve (IEC 61966-2-1)."""
+    return np.where(values <= 0.04045, values / 12.92, (np.maximum(values, 0.04045) + 0.055) ** 2.4 / 1.055**2.4)
+
+
+def linear_to_srgb(values: NDArray[Any]) -> NDArray[Any]:
+    """Encodes with the sRGB curve (IEC 61966-2-1)."""
+    return np.where(values <= 0.0031308, values * 12.92, 1.055 * np.maximum(values, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) -> TextureData:
+    """Reads the colours of an image file, decoded to linear.
+
+    `colorspace`, "srgb" or "linear", overrides the file's own tag; a file without one is sRGB if its pixels are
+    integers and linear if they are floats. Grey becomes RGB. Colours are taken as stored, and alpha is dropped, with a
+    warning where it is not 1 everywhere.
+
+    Raises:
+        SceneError: no such file, not readable as an image, more than 32768 pixels on a side or 2^27 in all (found
+            before the pixels are read), or a texel that is not finite.
+    """
+    import OpenImageIO as oiio
+
+    check_file(path)
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)  # else the colours of PNG come multiplied by alpha
+    file = oiio.ImageInput.open(os.fspath(path), hints)
+    if file is None:
+        raise SceneError(f"{path}: not a readable image: {_first_line(oiio.geterror())}")
+    spec = file.spec()
+    if max(spec.width, spec.height) > MAX_TEXTURE_SIDE or spec.width * spec.height > MAX_TEXELS:
+        raise SceneError(
+            f"{path}: the image has {spec.width} x {spec.height} pixels, "
+            f"expected at most {MAX_TEXTURE_SIDE} on a side and {MAX_TEXELS} in all"
+        )
+    if spec.deep or spec.depth > 1:
+        raise SceneError(f"{path}: expected a flat image, found a {'deep' if spec.deep else 'volume'} image")
+    kind = str(spec.format)
+    stored = file.read_image(kind if kind in ("uint8", "uint16") else "float")
+    if stored is None:
+        raise SceneError(f"{path}: not a readable image: {_first_line(file.geterror())}")
+    pixels = _decoded(stored[..., _color_channels(spec, path)], colorspace or _stored_colorspace(spec))
+    if not np.isfinite(pixels).all():
+        raise SceneError(f"{path}: {np.sum(~np.isfinite(pixels).all(axis=2))} pixels are not finite")
+    alpha = stored[..., spec.alpha_channel] if spec.alpha_channel >= 0 else None
+    opaque = alpha is None or (alpha == (np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1)).all()
+    return TextureData(pixels, () if opaque else (f"{path}: the image's alpha is not used",))
+
+
+def _color_channels(spec: Any, path: str | os.PathLike[str]) -> list[int]:
+    names = [name.upper() for name in spec.channelnames]
+    for wanted in (("R", "G", "B"), ("Y", "Y", "Y")):
+        if set(wanted) <= set(names):
+            return [names.index(name) for name in wanted]
+    raise SceneError(f"{path}: expected channels R, G, B or Y, found {', '.join(spec.channelnames)}")
+
+
+def _stored_colorspace(spec: Any) -> str:
+    tag = str(spec.getattribute("oiio:ColorSpace") or "")
+    if tag.startswith(("lin_", "linear", "scene_linear")):
+        return "linear"
+    return "srgb" if tag.startswith("srgb") or str(spec.format) not in ("half", "float", "double") else "linear"
+
+
+def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
+    if stored.dtype.kind == "u":
+        values = np.linspace(0, 1, np.iinfo(stored.dtype).max + 1)
+        table = srgb_to_linear(values) if colorspace == "srgb" else values
+        decoded: Image = table.astype(np.float32)[stored]
+        return decoded
+    return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
+
+
+def check_output(path: str | os.PathLike[str]) -> None:
+    """Raises UsageError if `write_image` could not write there: an unknown extension, or no folder to write to."""
+    target = Path(path)
+    extensions = sorted(_DISPLAY | _LINEAR)
+    if target.suffix.lower() not in extensions:
+        raise UsageError(f"{path}: expected a name ending in {', '.join(extensions)}")
+    if target.is_dir():
+        raise UsageError(f"{path}: expected a file name, found a folder")
+    if not target.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {target.parent}")
+    if not os.access(target.parent, os.W_OK):
+        raise UsageError(f"{path}: the folder {target.parent} is not writable")
+
+
+def write_image(
+    path: str | os.PathLike[str],
+    image: NDArray[Any],
+    *,
+    exposure: float = 0.0,
+    metadata: Mapping[str, str | int | float] | None = None,
+    planes: Mapping[str, NDArray[Any]] | None = None,
+    half: bool = True,
+) -> tuple[str, ...]:
+    """Writes an (h, w, 3) linear image in the format of the extension, all of the file or nothing.
+
+    PNG and JPEG hold 8 bits on the sRGB curve, dithered by OpenImageIO's fixed blue noise, after a gain of 2^exposure;
+    no tone mapping. EXR (half, or float), HDR, TIFF (float) and NPY (float) hold linear values and ignore the exposure.
+    `planes`, (h, w) arrays by channel name, and `metadata` go into EXR files only, as float channels and header
+    attributes. The header's date is SOURCE_DATE_EPOCH if that is set, so that files can be reproduced.
+
+    Returns:
+        Warnings: half channels end at 65504, brighter values are clamped to that.
+
+    Raises:
+        UsageError: as `check_output`.
+        PyrtError: writing failed, for instance because the disk is full.
+    """
+    check_output(path)
+    extension = Path(path).suffix.lower()
+    pixels = np.asarray(image, np.float32)
+    warnings: tuple[str, ...] = ()
+    try:
+        with replacing(path) as temporary:
+            if extension == ".npy":
+                np.save(temporary, pixels)
+            elif extension in _DISPLAY:
+                _write_display(temporary, pixels * np.float32(2.0**exposure))
+            elif extension == ".exr":
+                warnings = _write_exr(temporary, pixels, planes or {}, metadata or {}, half)
+            else:
+                _write(temporary, _spec(pixels, "float", {"DateTime": _date()}), pixels)
+    except OSError as error:
+        raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
+    return tuple(f"{path}: {warning}" for warning in warnings)
+
+
+def _write_display(path: Path, pixels: Image) -> None:
+    encoded = linear_to_srgb(np.clip(np.nan_to_num(pixels), 0, 1)).astype(np.float32)
+    attributes: dict[str, str | int | float] = {
+        "oiio:ColorSpace": "sRGB",
+        "oiio:dither": 1,
+        "Compression": "png" if path.suffix.lower() == ".png" else "jpeg:95",
+        "jpeg:subsampling": "4:4:4",
+    }
+    _write(path, _spec(encoded, "uint8", attributes), encoded)
+
+
+def _write_exr(
+    path: Path,
+    pixels: Image,
+    planes: Mapping[str, NDArray[Any]],
+    metadata: Mapping[str, str | int | float],
+    half: bool,
+) -> tuple[str, ...]:
+    warnings: tuple[str, ...] = ()
+    too_bright = int(np.sum(np.abs(pixels) > MAX_HALF)) if half else 0
+    if too_bright:
+        pixels = np.clip(pixels, -MAX_HALF, MAX_HALF)
+        warnings = (f"{too_bright} values above {MAX_HALF:g} are clamped to that, the largest half float",)
+    stored = np.dstack([pixels, *(np.asarray(plane, np.float32) for plane in planes.values())])
+    spec = _spec(stored, "half" if half else "float", {"DateTime": _date(), **metadata})
+    spec.channelnames = ("R", "G", "B", *planes)
+    spec.channelformats = (spec.format,) * 3 + ("float",) * len(planes)
+    _write(path, spec, stored)
+    return warnings
+
+
+def _spec(pixels: Image, kind: str, attributes: Mapping[str, str | int | float]) -> Any:
+    import OpenImageIO as oiio
+
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, kind)
+    for name, value in attributes.items():
+        # integer attributes have 32 bits
+        spec.attribute(name, str(value) if isinstance(value, int) and abs(value) >= 2**31 else value)
+    return spec
+
+
+def _write(path: Path, spec: Any, pixels: Image) -> None:
+    import OpenImageIO as oiio
+
+    file = oiio.ImageOutput.create(os.fspath(path))
+    if file is None:
+        raise OSError(_first_line(oiio.geterror()))
+    if not (file.open(os.fspath(path), spec) and file.write_image(np.ascontiguousarray(pixels)) and file.close()):
+        raise OSError(_first_line(file.geterror()))
+
+
+def _date() -> str:
+    return time.strftime("%Y:%m:%d %H:%M:%S", time.gmtime(int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))))
+
+
+def _first_line(message: str) -> str:
+    return message.strip().split("\n")[0].rstrip(".")

@@ -1,0 +1,237 @@
+"""Binary trees by the binned surface area heuristic (SAH).
+
+After Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007): a set of n primitives costs its surface
+area times ceil(n / 8), because the device tests blocks of 8 at once. Whole chunks of nodes are split at a time, each node
+at the best of the planes between bins on three axes. Nodes with many primitives judge planes by a sample of them.
+
+A box is six numbers, -low and high: so the union of boxes is one maximum, and their extent one sum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+BLOCK_SIZE = 8
+SIZE_CLASSES = (BLOCK_SIZE, 32, 4096)  # nodes of up to 8 primitives, of up to 32 ... are split apart from larger ones
+BINS = (8, 16, 32, 32)  # of each class
+SAMPLE_SIZE = 1024  # primitives that suffice to judge a node's planes
+CHUNK_NODES = 1024  # nodes split at once: few enough for their bins to stay in the cache
+SMALL_GAIN = 0.8  # a node that fits a block is split if its parts have less than this much of its area
+BALANCE = np.float32(1e-5)  # weight of the difference in count, to decide between planes of equal cost
+
+
+@dataclass(frozen=True)
+class BinaryTree:
+    """`m` nodes over `n` primitives. Node 0 is the root."""
+
+    children: NDArray[np.int32]  # (m, 2): -1 in leaves
+    count: NDArray[np.int32]  # (m,): primitives below
+    boxes: Floats  # (6, m): -low, high
+    leaf: NDArray[np.int32]  # (n,): the leaf of each primitive
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Nodes of one size class. Each owns the next `count` primitives of the chunk."""
+
+    boxes: Floats  # (6, primitives): -low, high
+    ids: NDArray[np.int32]  # (primitives,)
+    node: Ints  # (nodes,)
+    count: Ints  # (nodes,)
+    depth: Ints  # (nodes,)
+
+
+@dataclass(frozen=True)
+class Planes:
+    """One plane for each node: primitives in bins above `last` lie on its right."""
+
+    bins: int
+    axis: Ints
+    low: Floats  # bounds of the node's positions on that axis
+    extent: Floats  # never 0
+    last: Ints
+    gain: Bools  # worth it even for a node that fits a block
+
+
+def split(low: Floats, high: Floats, max_depth: int) -> BinaryTree:
+    """Splits n primitives into leaves of at most 8, none of them deeper than `max_depth` (the root has depth 0).
+
+    Args:
+        low, high: (n, 3) bounds, |x| < 2^126; 1 <= n <= 8 * 2^max_depth.
+        max_depth: at most 50. Exact median splits replace the SAH where the depth would run out.
+    """
+    n = len(low)
+    leaf = np.zeros(n, np.int32)
+    zero = np.zeros(1, np.int64)
+    boxes = np.concatenate([-low.T, high.T]).astype(np.float32, copy=False)
+    stack = [Chunk(boxes, np.arange(n, dtype=np.int32), zero, zero + n, zero)]
+    seen: list[tuple[Ints, Ints, Floats]] = []
+    parents: list[Ints] = []
+    total = 1
+    while stack:
+        chunk = stack.pop()
+        if len(chunk.node) > CHUNK_NODES:
+            stack += _halves(chunk)
+            continue
+        seen.append((chunk.node, chunk.count, np.maximum.reduceat(chunk.boxes, _starts(chunk.count), axis=1)))
+        right, inner = _sides(chunk, max_depth)
+        if not inner.all():
+            leaf[chunk.ids] = np.repeat(chunk.node, chunk.count)
+        parents.append(chunk.node[inner])
+        stack += _children(chunk, right, inner, total)
+        total += 2 * len(parents[-1])
+    return _assemble(total, seen, parents, leaf)
+
+
+def _assemble(
+    total: int, seen: list[tuple[Ints, Ints, Floats]], parents: list[Ints], leaf: NDArray[np.int32]
+) -> BinaryTree:
+    children = np.full((total, 2), -1, np.int32)
+    first = 1
+    for parent in parents:
+        children[parent] = first + np.arange(2 * len(parent)).reshape(2, -1).T
+        first += 2 * len(parent)
+    node, count, boxes = (np.concatenate(pieces, axis=-1) for pieces in zip(*seen, strict=True))
+    order = np.empty_like(node)
+    order[node] = np.arange(total)
+    return BinaryTree(children, count[order].astype(np.int32), boxes.take(order, axis=1), leaf)
+
+
+def _starts(count: Ints) -> Ints:
+    return np.cumsum(count) - count
+
+
+def _halves(chunk: Chunk) -> list[Chunk]:
+    m = len(chunk.node) // 2
+    n = int(chunk.count[:m].sum())
+    parts = (slice(m), slice(n)), (slice(m, None), slice(n, None))
+    return [Chunk(chunk.boxes[:, p], chunk.ids[p], chunk.node[i], chunk.count[i], chunk.depth[i]) for i, p in parts]
+
+
+def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[Chunk]:
+    """The children of the `inner` nodes, by size class; numbered from `first`, all the left ones before the right ones."""
+    on_right = np.add.reduceat(right, _starts(chunk.count), dtype=np.int64)
+    count = np.stack([chunk.count - on_right, on_right])
+    node = np.zeros_like(count)
+    node[:, inner] = first + np.arange(2 * np.count_nonzero(inner)).reshape(2, -1)
+    size_class = np.searchsorted(SIZE_CLASSES, count)
+    chunks = []
+    for k in range(len(BINS)):
+        mask = inner & (size_class == k)
+        if mask.any():
+            in_left, in_right = np.repeat(mask, chunk.count, axis=1)
+            index = np.concatenate([np.flatnonzero(in_left & ~right), np.flatnonzero(in_right & right)])
+            depth = np.broadcast_to(chunk.depth + 1, mask.shape)[mask]
+            chunks.append(Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], node[mask], count[mask], depth))
+    return chunks
+
+
+def _sides(chunk: Chunk, max_depth: int) -> tuple[Bools, Bools]:
+    """Whether each primitive goes to the right, and whether each node is split at all."""
+    planes = _best_planes(_sample(chunk))
+    n = len(chunk.ids)
+    index = np.repeat(planes.axis * n, chunk.count) + np.arange(n)
+    values = chunk.boxes.ravel()
+    position = values.take(index + 3 * n) - values.take(index)
+    bins = _bins(position, chunk.count, planes.low, planes.extent, planes.bins)
+    right = bins > np.repeat(planes.last, chunk.count)
+    on_right = np.add.reduceat(right, _starts(chunk.count), dtype=np.int64)
+    larger = np.maximum(on_right, chunk.count - on_right)
+    room = (BLOCK_SIZE << max_depth) >> (chunk.depth + 1)
+    bad = (larger == chunk.count) | (larger > room)
+    small = chunk.count <= BLOCK_SIZE
+    if (bad & ~small).any():
+        _split_at_medians(chunk, bad & ~small, right)
+    return right, ~small | (planes.gain & ~bad & (chunk.depth < max_depth))
+
+
+def _sample(chunk: Chunk) -> Chunk:
+    stride = int(chunk.count.min()) // SAMPLE_SIZE
+    if stride <= 1:
+        return chunk
+    end = np.cumsum(chunk.count)
+    count = (end + stride - 1) // stride - (end - chunk.count + stride - 1) // stride
+    return Chunk(chunk.boxes[:, ::stride], chunk.ids[::stride], chunk.node, count, chunk.depth)
+
+
+def _split_at_medians(chunk: Chunk, nodes: Bools, right: Bools) -> None:
+    """Overwrites `right` for `nodes`: halves by position on the widest axis; where positions are equal, by index."""
+    index = np.flatnonzero(np.repeat(nodes, chunk.count))
+    count = chunk.count[nodes]
+    start = _starts(count)
+    position = chunk.boxes[3:, index] - chunk.boxes[:3, index]
+    extent = np.maximum.reduceat(position, start, axis=1) - np.minimum.reduceat(position, start, axis=1)
+    key = np.choose(np.repeat(extent.argmax(axis=0), count), position)
+    order = np.lexsort((key, np.repeat(np.arange(len(count)), count)))
+    half = -(-count // (2 * BLOCK_SIZE)) * BLOCK_SIZE
+    right[index[order]] = np.arange(len(index)) >= np.repeat(start + half, count)
+
+
+def _bins(position: Floats, count: Ints, low: Floats, extent: Floats, bins: int) -> Ints:
+    """0 ... bins - 1 for positions within [low, low + extent] of their node."""
+    scaled = position - np.repeat(low, count)
+    scaled /= np.repeat(extent, count)  # a reciprocal could overflow
+    scaled *= np.float32(bins * (1 - 1e-6))
+    return scaled.astype(np.int64)
+
+
+def _best_planes(chunk: Chunk) -> Planes:
+    bins = BINS[np.searchsorted(SIZE_CLASSES, chunk.count.max())]
+    m = len(chunk.node)
+    start = _starts(chunk.count)
+    position = chunk.boxes[3:] - chunk.boxes[:3]
+    low = np.minimum.reduceat(position, start, axis=1)
+    extent = np.maximum.reduceat(position, start, axis=1) - low
+    extent[extent == 0] = 1
+    node = np.repeat(np.arange(m), chunk.count)
+    boxes = np.full((3, 6, bins * m), -np.inf, np.float32)
+    counts = np.empty((3, bins * m), np.int32)
+    for axis in range(3):
+        cell = _bins(position[axis], chunk.count, low[axis], extent[axis], bins) * m + node
+        for k in range(6):
+            np.maximum.at(boxes[axis, k], cell, chunk.boxes[k])
+        counts[axis] = np.bincount(cell, minlength=bins * m)
+    cost, area = _sweep(boxes.reshape(3, 6, bins, m), counts.reshape(3, bins, m))
+    cost = cost.reshape(-1, m)
+    best = cost.argmin(axis=0)
+    axis, last = np.divmod(best, bins - 1)
+    each = np.arange(m)
+    return Planes(bins, axis, low[axis, each], extent[axis, each], last, cost[best, each] < SMALL_GAIN * area)
+
+
+def _sweep(left: Floats, count: NDArray[np.int32]) -> tuple[Floats, Floats]:
+    """SAH cost of every plane, (3, bins - 1, nodes), and the nodes' areas, (nodes,). Overwrites its arguments.
+
+    Areas are relative to the square of the node's largest extent, so that they neither overflow nor underflow.
+    """
+    right = left.copy()
+    for k in range(1, left.shape[2]):
+        np.maximum(left[:, :, k], left[:, :, k - 1], out=left[:, :, k])
+        np.maximum(right[:, :, -1 - k], right[:, :, -k], out=right[:, :, -1 - k])
+        count[:, k] += count[:, k - 1]
+    total = count[:, -1:]
+    on_left, on_right = count[:, :-1], total - count[:, :-1]
+    unit = (left[0, :3, -1] + left[0, 3:, -1]).max(axis=0)
+    unit[unit == 0] = 1
+    with np.errstate(invalid="ignore"):  # the box of nothing
+        cost = _area(left[:, :, :-1], unit) * _blocks(on_left) + _area(right[:, :, 1:], unit) * _blocks(on_right)
+    cost += np.abs(on_left - on_right) * (BALANCE / total.astype(np.float32))
+    cost[(on_left == 0) | (on_right == 0)] = np.inf
+    return cost, _area(left[:1, :, -1], unit)[0]
+
+
+def _area(boxes: Floats, unit: Floats) -> Floats:
+    """Half the surface of (3, 6, ...) boxes in units of unit^2."""
+    x, y, z = np.moveaxis((boxes[:, :3] + boxes[:, 3:]) / unit, 1, 0)
+    return x * y + z * (x + y)
+
+
+def _blocks(count: NDArray[np.int32]) -> Floats:
+    return ((count + (BLOCK_SIZE - 1)) // BLOCK_SIZE).astype(np.float32)

@@ -1,0 +1,271 @@
+"""Scene file or dict → Scene: validates everything, reads the files that the scene needs, reports all problems at once.
+
+Only what an object uses becomes part of the scene: unused materials and textures are checked and left out, and the
+images of unused textures are not read.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt import procedural, scene, schema
+from pyrt.errors import SceneError, UsageError
+from pyrt.files import check_file
+from pyrt.image_io import read_texture
+from pyrt.mesh_io import MeshData, load_mesh, transformed
+from pyrt.scene_json import override, plain, read_json
+from pyrt.schema_errors import json_path, quote, suggestion, validate
+
+Source = str | os.PathLike[str] | Mapping[str, Any]
+T = TypeVar("T")
+
+_EXAMPLE = "example:"
+_BLACK = np.zeros((1, 1, 3), np.float32)
+_DEGENERATE = 2.0**-44  # sine of the angle between two edges below which float64 cannot tell them from a line
+
+
+@dataclass
+class _Loading:
+    """What one call of load_scene collects."""
+
+    place: str
+    folder: Path
+    problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    files: dict[tuple[Any, ...], Any] = field(default_factory=dict)  # read files, or None for unreadable ones
+
+    def problem(self, path: str, text: str) -> None:
+        self.problems.append(f"{self.place}: {path}: {text}")
+
+    def warn(self, path: str, text: str) -> None:
+        self.warnings.append(f"{self.place}: {path}: {text}")
+
+    def read(self, path: str, reader: Callable[..., T], name: str, *options: Any) -> T | None:
+        """reader(file, *options), once per file; None, and a problem at `path`, if it fails."""
+        file = os.path.normpath(self.folder / name)
+        key = (reader, file, *options)
+        if key not in self.files:
+            try:
+                self.files[key] = reader(file, *options)
+            except SceneError as error:
+                self.files[key] = None
+                for problem in error.problems:
+                    self.problem(path, problem)
+            else:
+                for warning in getattr(self.files[key], "warnings", ()):
+                    self.warn(path, warning)
+        result: T | None = self.files[key]
+        return result
+
+
+def load_scene(
+    source: Source,
+    *,
+    base_dir: str | os.PathLike[str] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+) -> scene.Scene:
+    """Loads a scene.
+
+    Args:
+        source: a scene file, `example:NAME` for one that comes with pyrt, or the content of a scene file as a dict,
+            which may hold tuples, paths and numpy arrays.
+        base_dir: the folder that asset paths are relative to; by default the scene file's, or for a dict the current
+            one.
+        overrides: values by dotted path, such as {"camera.fov": 40, "objects.0.translate": [0, 1, 0]}, set before
+            validation.
+
+    Raises:
+        SceneError: with one sentence per problem, each starting with the file and the JSON path.
+    """
+    raw, loading, name = _open(source, base_dir)
+    for path, value in (overrides or {}).items():
+        try:
+            override(raw, path, value)
+        except SceneError as error:
+            loading.problems += [f"{loading.place}: {problem}" for problem in error.problems]
+    model, indices, problems = validate(raw)
+    loading.problems += [f"{loading.place}: {problem}" for problem in problems]
+    result = _scene(loading, raw, model, indices, name)
+    if loading.problems:
+        raise SceneError(loading.problems)
+    return result
+
+
+def example_path(name: str) -> Path:
+    """The file of an example scene that comes with pyrt, installed or in a checkout. Raises SceneError otherwise."""
+    package = Path(__file__).parent
+    folder = next((f for f in (package / "scenes", package.parent / "scenes") if f.is_dir()), package / "scenes")
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        names = sorted(file.stem for file in folder.glob("*.json"))
+        raise SceneError(f"{_EXAMPLE}{name}: no example scene {quote(name)}{suggestion(name, names)}")
+    return path
+
+
+def _open(source: Source, base_dir: str | os.PathLike[str] | None) -> tuple[dict[str, Any], _Loading, str]:
+    if isinstance(source, Mapping):
+        try:
+            return plain(source), _Loading("scene", Path(base_dir or ".")), "scene"
+        except RecursionError:
+            raise SceneError("scene: its objects or arrays are nested too deeply") from None
+    if not isinstance(source, (str, os.PathLike)):
+        raise UsageError(f"scene: expected a file name or a dict, got a {type(source).__name__}")
+    place = os.fspath(source)
+    path = example_path(place.removeprefix(_EXAMPLE)) if place.startswith(_EXAMPLE) else Path(place)
+    return read_json(path), _Loading(place, Path(base_dir or path.parent)), path.stem
+
+
+def _scene(
+    loading: _Loading, raw: dict[str, Any], model: schema.SceneModel, indices: list[int], name: str
+) -> scene.Scene:
+    """The scene, as far as it has no problems. `indices` are those of the model's objects in `raw`."""
+    if raw.get("objects") == []:
+        loading.problem("objects", "expected at least one object, got []")
+    objects = {json_path(("objects", i)): o for i, o in zip(indices, model.objects, strict=True)}
+    for path, shape in objects.items():
+        _check_name(loading, f"{path}.material_name", "material", shape.material_name, raw.get("materials"))
+    for key, material in model.materials.items():
+        if isinstance(material, schema.Diffuse):
+            path = json_path(("materials", key, "texture_name"))
+            _check_name(loading, path, "texture", material.texture_name, raw.get("textures"))
+    used = {shape.material_name for shape in objects.values()}
+    materials = {key: material for key, material in model.materials.items() if key in used}
+    textures = _textures(loading, model, materials)
+    shapes = [_shape(loading, path, shape, list(materials)) for path, shape in objects.items()]
+    return scene.Scene(
+        film=scene.Film(*model.film.resolution),
+        camera=scene.Camera(model.camera.position, model.camera.look_at, model.camera.ref_up, model.camera.fov),
+        textures=tuple(textures.values()),
+        materials=tuple(_material(key, material, list(textures)) for key, material in materials.items()),
+        shapes=tuple(shape for shape in shapes if shape is not None),
+        lights=_point_lights(model),
+        spp=model.integrator.spp,
+        max_depth=model.integrator.max_depth,
+        name=name,
+        warnings=tuple(loading.warnings),
+    )
+
+
+def _check_name(loading: _Loading, path: str, kind: str, name: str | None, entries: Any) -> None:
+    """Looks the name up in the file's entries, valid or not, so that a broken one is not reported as missing too."""
+    known = entries if isinstance(entries, dict) else {}
+    if name is not None and name not in known:
+        loading.problem(path, f"no {kind} {quote(name)}{suggestion(name, known)}")
+
+
+def _texture_path(key: str, material: schema.Diffuse) -> str:
+    """Where the file defines a material's reflectance."""
+    if material.texture_name is None:
+        return json_path(("materials", key, "color"))
+    return json_path(("textures", material.texture_name))
+
+
+def _textures(
+    loading: _Loading, model: schema.SceneModel, materials: Mapping[str, schema.MaterialModel]
+) -> dict[str, scene.Texture]:
+    """The textures of the used materials by their JSON path. Of the other ones only the image files are looked for."""
+    diffuse = {key: material for key, material in materials.items() if isinstance(material, schema.Diffuse)}
+    used = {_texture_path(key, material): material.color for key, material in diffuse.items()}
+    textures: dict[str, scene.Texture] = {
+        path: scene.ConstantTexture(color) for path, color in used.items() if color is not None
+    }
+    for key, texture in model.textures.items():
+        path = json_path(("textures", key))
+        if path in used:
+            textures[path] = _texture(loading, path, texture)
+        elif isinstance(texture, schema.ImageTexture):
+            loading.read(f"{path}.path", check_file, texture.path)
+    return textures
+
+
+def _texture(loading: _Loading, path: str, texture: schema.TextureModel) -> scene.Texture:
+    if isinstance(texture, schema.ConstantTexture):
+        return scene.ConstantTexture(texture.color)
+    mapping = (texture.tex_coordinate_generator.scale, texture.tex_coordinate_generator.delta)
+    if isinstance(texture, schema.CheckerboardTexture):
+        return scene.CheckerboardTexture(texture.color0, texture.color1, *mapping)
+    image = loading.read(f"{path}.path", read_texture, texture.path, texture.colorspace)
+    return scene.ImageTexture(_BLACK if image is None else _reflectance(loading, path, image.pixels), *mapping)
+
+
+def _reflectance(loading: _Loading, path: str, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Clamps to [0, 1], with a warning: a surface cannot reflect more light than arrives."""
+    outside = int(np.sum(((pixels < 0) | (pixels > 1)).any(axis=2)))
+    if not outside:
+        return pixels
+    values = f"from {pixels.min():g} to {pixels.max():g}"
+    loading.warn(path, f"{outside} pixels have reflectances outside 0 to 1 ({values}) and are clamped")
+    return np.clip(pixels, 0, 1)
+
+
+def _material(key: str, material: schema.MaterialModel, textures: list[str]) -> scene.Material:
+    if isinstance(material, schema.Refraction):
+        return scene.Refraction(material.eta)
+    if isinstance(material, schema.Dielectric):
+        return scene.Dielectric(material.int_ior, material.ext_ior)
+    return scene.Diffuse(_index(textures, _texture_path(key, material)), material.twosided)
+
+
+def _shape(loading: _Loading, path: str, shape: schema.ObjectModel, materials: list[str]) -> scene.Shape | None:
+    common: dict[str, Any] = {
+        "name": path,
+        "material": None if shape.material_name is None else _index(materials, shape.material_name),
+        "radiance": None if shape.light is None else shape.light.radiance,
+    }
+    if isinstance(shape, schema.Sphere):
+        return scene.Sphere(center=shape.center, radius=shape.radius, **common)
+    if isinstance(shape, schema.Rectangle):
+        return scene.Rectangle(center=shape.center, edge1=shape.edge1, edge2=shape.edge2, **common)
+    mesh = _icosphere(shape) if isinstance(shape, schema.Icosphere) else _mesh(loading, path, shape)
+    if mesh is None:
+        return None
+    return scene.Mesh(vertices=mesh.vertices, triangles=mesh.triangles, uvs=mesh.uvs, normals=mesh.normals, **common)
+
+
+def _index(names: list[str], name: str) -> int:
+    """Where the name is; -1 for an unknown one, which is a problem that has been reported."""
+    return names.index(name) if name in names else -1
+
+
+def _mesh(loading: _Loading, path: str, shape: schema.Mesh) -> MeshData | None:
+    mesh = loading.read(f"{path}.path", load_mesh, shape.path)
+    if mesh is None:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        if shape.transform is not None:
+            mesh = transformed(mesh, np.reshape(shape.transform, (4, 4)))
+        mesh = mesh._replace(vertices=mesh.vertices + shape.translate)
+        v0, v1, v2 = mesh.vertices[mesh.triangles].transpose(1, 0, 2)
+        e1, e2 = v1 - v0, v2 - v0
+        lengths = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
+        has_area = np.linalg.norm(np.cross(e1, e2), axis=1) > _DEGENERATE * lengths
+    if not has_area.any():
+        loading.problem(f"{path}.path", f"none of the {len(has_area)} triangles of {quote(shape.path)} has an area")
+    return mesh
+
+
+def _icosphere(shape: schema.Icosphere) -> MeshData:
+    vertices, triangles = procedural.icosphere(shape.subdivisions)
+    radii: float | NDArray[np.float64] = shape.radius
+    if shape.displacement is not None:
+        d = shape.displacement
+        radii = radii * (1 + d.amplitude * procedural.noise(vertices, d.frequency, d.octaves, d.seed)[:, None])
+    vertices = vertices * radii
+    normals = procedural.vertex_normals(vertices, triangles).astype(np.float32)[triangles] if shape.smooth else None
+    return MeshData(vertices + shape.center, triangles, normals=normals)
+
+
+def _point_lights(model: schema.SceneModel) -> tuple[scene.PointLight, ...]:
+    """The integrator's point light, if it says anything about one or there is no other light, and then the rest."""
+    lights = tuple(scene.PointLight(light.position, light.flux) for light in model.lights)
+    position, flux = model.integrator.point_light_position, model.integrator.point_light_flux
+    if position is None and flux is None and (lights or any(shape.light for shape in model.objects)):
+        return lights
+    return (scene.PointLight(position or (0.0, 5.0, 0.0), flux or (1.0, 1.0, 1.0)), *lights)

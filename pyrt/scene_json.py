@@ -1,0 +1,92 @@
+"""Reads scene files as strict JSON, and applies overrides such as `camera.fov=40`."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from pyrt.errors import SceneError
+from pyrt.files import read_bytes
+from pyrt.schema_errors import CONTAINERS, quote, suggestion
+
+
+def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The JSON object in a file. NaN and Infinity come back as floats, so that validation can name their place.
+
+    Raises:
+        SceneError: unreadable file, not UTF-8, not JSON (with line and column), repeated keys, not an object.
+    """
+    content = read_bytes(path)
+    repeated: list[str] = []
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        entries = dict(pairs)
+        if len(entries) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = [key for key in entries if keys.count(key) > 1]
+            repeated.extend(f"{path}: the key {quote(key)} occurs more than once in one object" for key in twice)
+        return entries
+
+    try:
+        raw = json.loads(content.decode("utf-8-sig"), object_pairs_hook=unique)
+    except UnicodeDecodeError as error:
+        byte = f"the byte {content[error.start]:#04x} at position {error.start}"
+        raise SceneError(f"{path}: expected UTF-8 text, found {byte}") from None
+    except json.JSONDecodeError as error:
+        what = "expected JSON, the file is empty" if not content.strip() else f"not valid JSON: {error.msg.lower()}"
+        raise SceneError(f"{path}: line {error.lineno}, column {error.colno}: {what}") from None
+    except RecursionError:
+        raise SceneError(f"{path}: arrays or objects are nested too deeply") from None
+    except ValueError:
+        raise SceneError(f"{path}: a number has too many digits") from None
+    if repeated:
+        raise SceneError(repeated)
+    if not isinstance(raw, dict):
+        raise SceneError(f"{path}: expected a JSON object, got {quote(raw)}")
+    return raw
+
+
+def plain(value: Any) -> Any:
+    """A deep copy made of what JSON knows: of mappings, sequences, paths and numpy's arrays and scalars.
+
+    Raises RecursionError for a structure that contains itself.
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+def override(raw: dict[str, Any], path: str, value: Any) -> None:
+    """Sets `raw` at a dotted path: keys and array indices, such as `objects.0.translate`.
+
+    Missing keys are added, for validation to judge; only entries (a texture, an object) have to be there.
+    Raises SceneError for a path into something that is not there.
+    """
+    *parents, last = path.split(".")
+    node: Any = raw
+    for depth, step in enumerate(parents):
+        if isinstance(node, dict) and not (depth == 1 and parents[0] in CONTAINERS):
+            node.setdefault(step, {})
+        node = node[_key(node, path, parents[:depth], step)]
+    key = last if isinstance(node, dict) else _key(node, path, parents, last)
+    node[key] = plain(value)
+
+
+def _key(node: Any, path: str, above: list[str], step: str) -> str | int:
+    """`step` as a key or index that exists in `node`."""
+    where = f"{path}: no {quote(step)} in {'.'.join(above)}"
+    if isinstance(node, dict):
+        if step not in node:
+            raise SceneError(where + suggestion(step, node))
+        return step
+    if not isinstance(node, list):
+        raise SceneError(f"{where}, which is {quote(node)}")
+    if not (step.isdecimal() and int(step) < len(node)):
+        raise SceneError(f"{where}, which has {len(node)} entries")
+    return int(step)

@@ -1,0 +1,273 @@
+"""The JSON scene format as pydantic models: what validates a scene, and what `pyrt schema` publishes.
+
+What spans several entries or files (names, meshes, images) is checked by `scene_io`. A null is the same as leaving the
+key out.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+
+from pyrt.schema_types import (
+    Angle,
+    Depth,
+    Flag,
+    Fraction,
+    Matrix,
+    Name,
+    Positive,
+    Power,
+    Reflectance,
+    Resolution,
+    Samples,
+    Vec2,
+    Vec3,
+    expect,
+    sentence,
+    sine,
+    unexpected,
+)
+
+
+class Model(BaseModel):
+    """Base of all models: unknown keys are errors, and defaults are checked like given values."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class Integrator(Model):
+    """How light is computed, how many samples a pixel gets, and the assignment's single point light."""
+
+    type: Annotated[Literal["intersection_test", "direct"], expect('"intersection_test" or its alias "direct"')] = (
+        Field("intersection_test", description="Direct light through perfect refraction; `direct` is an alias.")
+    )
+    point_light_position: Vec3 | None = Field(
+        None, description="Position of the point light; (0, 5, 0) where only the flux is given."
+    )
+    point_light_flux: Power | None = Field(
+        None,
+        description="Its flux in watts; (1, 1, 1) where only the position is given. "
+        "A scene that gives neither has this light at its defaults if it has no other light.",
+    )
+    max_depth: Depth = Field(16, description="Refractions or reflections that a ray may follow before it is dropped.")
+    spp: Samples = Field(32, description="Samples per pixel.")
+
+
+class Filter(Model):
+    """The reconstruction filter. pyrt averages the samples of a pixel, so the radius has no effect."""
+
+    type: Annotated[Literal["box"], expect('"box"')] = Field("box", description="The only filter.")
+    radius: Positive = Field(0.5, description="Read and not used.")
+
+
+class Film(Model):
+    """The picture."""
+
+    resolution: Resolution = Field((512, 512), description="Width and height in pixels.")
+    filter: Filter = Field(Filter(), description="The reconstruction filter.")
+
+
+class Camera(Model):
+    """A pinhole camera."""
+
+    position: Vec3 = Field((0.0, 0.0, 1.0), description="Where the camera is.")
+    look_at: Vec3 = Field((0.0, 0.0, 0.0), description="The point in the centre of the picture.")
+    ref_up: Vec3 = Field((0.0, 1.0, 0.0), description="The direction that is up in the picture.")
+    fov: Angle = Field(45.0, description="Full vertical angle of view in degrees.")
+    focal_length: Positive = Field(1.0, description="Read and not used: a pinhole has none.")
+
+    @field_validator("look_at")
+    @classmethod
+    def _check_look_at(cls, look_at: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if look_at == info.data.get("position"):
+            raise unexpected("another point than the camera's position")
+        return look_at
+
+    @field_validator("ref_up")
+    @classmethod
+    def _check_up(cls, up: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if "position" in info.data and "look_at" in info.data:
+            direction = np.subtract(info.data["look_at"], info.data["position"])
+            if sine(up, direction) < 1e-9:
+                raise unexpected("a direction that is not parallel to the line of sight")
+        return up
+
+
+class UvMapping(Model):
+    """Texture coordinates from surface parameters: st = scale · uv + delta."""
+
+    type: Annotated[Literal["uvmapping2d"], expect('"uvmapping2d"')] = Field("uvmapping2d", description="The only one.")
+    scale: Vec2 = Field((1.0, 1.0), description="Repetitions over the unit square.")
+    delta: Vec2 = Field((0.0, 0.0), description="Offset.")
+
+
+class ConstantTexture(Model):
+    """One colour."""
+
+    type: Literal["constant"]
+    color: Reflectance = Field(description="Linear Rec.709.")
+
+
+class ImageTexture(Model):
+    """An image, bilinear, wrapped by repetition; (0, 0) is its upper-left corner."""
+
+    type: Literal["image"]
+    path: Name = Field(description="Image file, relative to the scene file.")
+    colorspace: Annotated[Literal["srgb", "linear"], expect('"srgb" or "linear"')] | None = Field(
+        None, description="Overrides what the file says: integer formats are taken as sRGB, EXR and HDR as linear."
+    )
+    tex_coordinate_generator: UvMapping = Field(UvMapping(), description="Texture coordinates.")
+
+
+class CheckerboardTexture(Model):
+    """color0 where floor(2s) + floor(2t) is even, else color1."""
+
+    type: Literal["checkerboard"]
+    color0: Reflectance = Field((0.4, 0.4, 0.4), description="Linear Rec.709.")
+    color1: Reflectance = Field((0.2, 0.2, 0.2), description="Linear Rec.709.")
+    tex_coordinate_generator: UvMapping = Field(UvMapping(), description="Texture coordinates.")
+
+
+class Diffuse(Model):
+    """Lambertian reflection; exactly one of `texture_name` and `color`."""
+
+    type: Literal["diffuse"]
+    texture_name: Name | None = Field(None, description="The reflectance: a name in `textures`.")
+    color: Reflectance | None = Field(None, description="The reflectance as one linear colour.")
+    twosided: Flag = Field(True, description="Whether the back reflects too; it is black otherwise.")
+
+    @model_validator(mode="after")
+    def _check_reflectance(self) -> Diffuse:
+        if (self.texture_name is None) == (self.color is None):
+            found = "neither" if self.color is None else "both"
+            raise sentence(f'expected either "texture_name" or "color", found {found}')
+        return self
+
+
+class Refraction(Model):
+    """Refraction without reflection; total internal reflection mirrors."""
+
+    type: Literal["refraction"]
+    eta: Positive = Field(description="sinθ_t / sinθ_i on entering through the front side; 1/eta on leaving.")
+
+
+class Dielectric(Model):
+    """Smooth glass with Fresnel reflection."""
+
+    type: Literal["dielectric"]
+    int_ior: Positive = Field(1.5046, description="Index of refraction behind the surface.")
+    ext_ior: Positive = Field(1.000277, description="Index of refraction in front of the surface.")
+
+
+class AreaLight(Model):
+    """Makes an object emit from its front side."""
+
+    type: Annotated[Literal["area"], expect('"area"')] = Field("area", description="The only kind.")
+    radiance: Power = Field(description="Emitted radiance, linear Rec.709.")
+
+
+class PointLight(Model):
+    """An isotropic point light."""
+
+    type: Annotated[Literal["point"], expect('"point"')] = Field("point", description="The only kind.")
+    position: Vec3 = Field(description="Where it is.")
+    flux: Power = Field(description="Emitted power in watts per channel.")
+
+
+class Object(Model):
+    """What all objects have; at least one of `material_name` and `light`."""
+
+    material_name: Name | None = Field(None, description="A name in `materials`; without one, a black body.")
+    light: AreaLight | None = Field(None, description="Makes the object an area light.")
+
+    @model_validator(mode="after")
+    def _check_visible(self) -> Object:
+        if self.material_name is None and self.light is None:
+            raise sentence('expected "material_name", "light" or both, found neither')
+        return self
+
+
+class Mesh(Object):
+    """Triangles from a file: OBJ, PLY, STL, OFF, GLB or glTF."""
+
+    type: Literal["mesh"]
+    path: Name = Field(description="Mesh file, relative to the scene file.")
+    transform: Matrix | None = Field(None, description="Affine 4×4 matrix, row-major, applied to column vectors.")
+    translate: Vec3 = Field((0.0, 0.0, 0.0), description="Added after the transform.")
+
+
+class Sphere(Object):
+    """An exact sphere; its front side is outside."""
+
+    type: Literal["sphere"]
+    center: Vec3 = Field(description="Centre.")
+    radius: Positive = Field(description="Radius.")
+
+
+class Rectangle(Object):
+    """The points center + (u − ½)·edge1 + (v − ½)·edge2; the front side is where edge1 × edge2 points."""
+
+    type: Literal["rectangle"]
+    center: Vec3 = Field(description="Centre.")
+    edge1: Vec3 = Field(description="Full side vector.")
+    edge2: Vec3 = Field(description="Full side vector.")
+
+    @field_validator("edge2")
+    @classmethod
+    def _check_area(cls, edge2: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if "edge1" in info.data and sine(info.data["edge1"], edge2) < 1e-12:
+            raise unexpected("a side that spans an area with edge1")
+        return edge2
+
+
+class Displacement(Model):
+    """Smooth noise that moves an icosphere's vertices along the radius."""
+
+    amplitude: Fraction = Field(description="Bound of the displacement, as a fraction of the radius.")
+    frequency: Positive = Field(2.0, description="Waves of the coarsest octave per radius.")
+    octaves: Annotated[int, Field(strict=True, ge=1, le=16), expect("an integer from 1 to 16")] = Field(
+        4, description="Each octave has double the frequency and half the amplitude of the one before."
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32), expect("an integer from 0 to 2^32 - 1")] = Field(
+        0, description="Another seed gives another shape."
+    )
+
+
+class Icosphere(Object):
+    """A closed mesh of 20·4^subdivisions triangles, made at load time; its front side is outside."""
+
+    type: Literal["icosphere"]
+    center: Vec3 = Field((0.0, 0.0, 0.0), description="Centre.")
+    radius: Positive = Field(1.0, description="Radius before displacement.")
+    subdivisions: Annotated[int, Field(strict=True, ge=0, le=9), expect("an integer from 0 to 9")] = Field(
+        4, description="7 gives 327,680 triangles."
+    )
+    displacement: Displacement | None = Field(None, description="Noise along the radius.")
+    smooth: Flag = Field(True, description="Whether shading normals are interpolated.")
+
+
+TextureModel = ConstantTexture | ImageTexture | CheckerboardTexture
+MaterialModel = Diffuse | Refraction | Dielectric
+ObjectModel = Mesh | Sphere | Rectangle | Icosphere
+
+
+class SceneModel(Model):
+    """A scene for pyrt. Right-handed, +Y up; colours are linear Rec.709; paths are relative to the scene file."""
+
+    integrator: Integrator = Field(Integrator(), description="How light is computed.")
+    film: Film = Field(Film(), description="The picture.")
+    camera: Camera = Field(Camera(), description="The camera.")
+    textures: dict[str, Annotated[TextureModel, Field(discriminator="type")]] = Field({}, description="By name.")
+    materials: dict[str, Annotated[MaterialModel, Field(discriminator="type")]] = Field({}, description="By name.")
+    lights: list[PointLight] = Field([], description="Point lights, beside the one of the integrator.")
+    objects: list[Annotated[ObjectModel, Field(discriminator="type")]] = Field(
+        description="What is in the scene, at least one object.", json_schema_extra={"minItems": 1}
+    )
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a scene file, generated from the models that validate it."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **SceneModel.model_json_schema()}
