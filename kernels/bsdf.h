@@ -53,6 +53,7 @@ INLINE float fresnel(float eta, float cos_i, float cos_t)
  * transmitted radiance by eta^2, because radiance over the square of the index is what a ray conserves. */
 INLINE float3 bsdf_specular(const global Material *material, const Surface *si, float3 d, float u, float *weight)
 {
+    d = normalize3(d);
     float eta = si->front ? material->eta : 1.0f / material->eta;
     float cos_i = min1(abs1(dot3(d, si->n)), 1.0f);
     float cos2_t = cos2_transmitted(eta, cos_i);

@@ -31,18 +31,17 @@ INLINE SlabRay slab_ray_from(const Scene *scene, const Ray *ray, const Shear *sh
 {
     float largest = abs1(axis_of(ray->d, shear->kz));
     float smallest = max1(largest * 0x1p-40f, 0x1p-120f);
-    float depth = abs1(shear->oz) + scene->params->bound[shear->kz];
-    SlabRay s;
-    for (int a = 0; a < 3; ++a) {
-        float o = axis_of(ray->o, a);
-        float d = axis_of(ray->d, a);
-        float inv = 1.0f / copysign1(max1(abs1(d), smallest), d);
-        float pad = BOX_ULPS * ULP * (abs1(o) + scene->params->bound[a] + depth) * abs1(inv);
-        s.inv[a] = inv;
-        s.near_add[a] = -o * inv - pad;
-        s.far_add[a] = -o * inv + pad;
-        s.near_side[a] = inv < 0.0f;
-    }
+    float3 bound = (float3)(scene->params->bound[0], scene->params->bound[1], scene->params->bound[2]);
+    float depth = abs1(shear->oz) + axis_of(bound, shear->kz);
+    float3 d = ray->d;
+    d.x = abs1(d.x) < smallest ? copysign1(smallest, d.x) : d.x;
+    d.y = abs1(d.y) < smallest ? copysign1(smallest, d.y) : d.y;
+    d.z = abs1(d.z) < smallest ? copysign1(smallest, d.z) : d.z;
+    float3 inv = 1.0f / d;
+    float3 pad = (BOX_ULPS * ULP) * (abs3(ray->o) + bound + depth) * abs3(inv);
+    float3 start = -ray->o * inv;
+    float3 near = start - pad, far = start + pad;
+    SlabRay s = {{inv.x, inv.y, inv.z}, {near.x, near.y, near.z}, {far.x, far.y, far.z}, {inv.x < 0.0f, inv.y < 0.0f, inv.z < 0.0f}};
     return s;
 }
 
@@ -100,6 +99,15 @@ INLINE int stack_push_far(Stack *stack, const global BvhNode *node, uint mask, f
     return best;
 }
 
+/* The same without an order, for which any hit has no use. */
+INLINE int stack_push_any(Stack *stack, const global BvhNode *node, uint mask)
+{
+    int first = node->child[lowest_bit(mask)];
+    for (mask &= mask - 1u; mask != 0u; mask &= mask - 1u)
+        stack->child[stack->top++] = node->child[lowest_bit(mask)];
+    return first;
+}
+
 /* The closest hit, or with `any` some hit, with 0 < t < t_max. `any` is a constant at every call. */
 INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
 {
@@ -118,7 +126,7 @@ INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
             float8 near;
             uint mask = slab_hits(node, &slabs, hit->t, &near);
             if (mask != 0u) {
-                current = stack_push_far(&stack, node, mask, near);
+                current = any ? stack_push_any(&stack, node, mask) : stack_push_far(&stack, node, mask, near);
                 continue;
             }
         } else {
@@ -133,7 +141,7 @@ INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
             if (stack.top == 0)
                 return hit->id >= 0;
             --stack.top;
-        } while (stack.near[stack.top] > hit->t);
+        } while (!any && stack.near[stack.top] > hit->t);
         current = stack.child[stack.top];
     }
 }

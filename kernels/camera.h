@@ -4,7 +4,7 @@
 
 #include "math.h"
 
-/* The unit-length ray through film position (x, y) in pixels, (0, 0) the upper-left corner of the picture. */
+/* The ray through film position (x, y) in pixels, (0, 0) the upper-left corner of the picture. */
 INLINE void camera_ray(const constant Camera *c, float x, float y, float3 *origin, float3 *direction)
 {
     float3 o, d;
@@ -15,7 +15,7 @@ INLINE void camera_ray(const constant Camera *c, float x, float y, float3 *origi
     d.y = fma1(x, c->direction_dx[1], fma1(y, c->direction_dy[1], c->direction[1]));
     d.z = fma1(x, c->direction_dx[2], fma1(y, c->direction_dy[2], c->direction[2]));
     *origin = o;
-    *direction = normalize3(d);
+    *direction = d;
 }
 
 #endif

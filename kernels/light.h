@@ -47,12 +47,12 @@ INLINE float patch_factor(const Surface *si, float3 light_n, float3 to)
 
 /* Point (u, v) of the unit square with density proportional to the bilinear function of corner weights w: 00, 10, 01, 11.
  * Returns the density in *pdf. (Hart et al., Practical Product Sampling by Fitting and Composing Warps, 2020.) */
-INLINE float2 sample_bilinear(float2 u, float4 w, float *pdf)
+INLINE float2 sample_bilinear(float2 u, float4 w, float *value)
 {
     float v = sample_linear(u.y, w.x + w.y, w.z + w.w);
     float a = lerp1(w.x, w.z, v), b = lerp1(w.y, w.w, v);
     float s = sample_linear(u.x, a, b);
-    *pdf = 4.0f * lerp1(a, b, s) / (w.x + w.y + w.z + w.w);
+    *value = lerp1(a, b, s);
     return (float2)(s, v);
 }
 
@@ -74,11 +74,13 @@ INLINE LightSample rectangle_sample(const global Light *light, const Surface *si
     float4 w = cosine > 0.0f ? cosine / (r2 * r2) : 0.0f;
     if (!(w.x + w.y + w.z + w.w > 0.0f))
         return s;
-    float pdf;
-    float2 st = sample_bilinear(u, w, &pdf);
+    float value;
+    float2 st = sample_bilinear(u, w, &value);
     to = madd3(e2, st.y, madd3(e1, st.x, to));
     s.q = madd3(n, light->offset, madd3(e2, st.y, madd3(e1, st.x, load3(light->position))));
-    s.irradiance = load3(light->emission) * (patch_factor(si, n, to) * light->area / pdf);
+    float dist2 = dot3(to, to);
+    float mean = 0.25f * (w.x + w.y + w.z + w.w);
+    s.irradiance = load3(light->emission) * (receiver_cosine(si, to) * height * light->area * mean / (value * dist2 * dist2));
     return s;
 }
 

@@ -33,6 +33,11 @@ INLINE float dot3(float3 a, float3 b)
     return fma1(a.x, b.x, fma1(a.y, b.y, a.z * b.z));
 }
 
+INLINE float3 abs3(float3 a)
+{
+    return (float3)(abs1(a.x), abs1(a.y), abs1(a.z));
+}
+
 INLINE float3 madd3(float3 a, float s, float3 b)
 {
     return (float3)(fma1(a.x, s, b.x), fma1(a.y, s, b.y), fma1(a.z, s, b.z));

@@ -26,9 +26,8 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
         Sampler sampler = {hash_uint(pixel ^ hash_uint(pass.seed + 0x51633e2du)), pass.first_sample + s};
 
         float2 jitter = sample_2d(sampler, 0u);
-        uint y = pixel / pass.width;
         float3 o, d;
-        camera_ray(&params->camera, (float)(pixel - y * pass.width) + jitter.x, (float)y + jitter.y, &o, &d);
+        camera_ray(&params->camera, (float)(pixel & 0xffffu) + jitter.x, (float)(pixel >> 16) + jitter.y, &o, &d);
         float3 radiance = direct_radiance(&scene, ray_make(o, d, INFINITY, -1), sampler, &counters);
 
         global float *out = planes + (size_t)(3u * s) * pass.stride + p;

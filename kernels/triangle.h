@@ -24,7 +24,7 @@ INLINE float axis_of(float3 v, int axis)
 
 INLINE Shear shear_from(float3 o, float3 d)
 {
-    float3 a = (float3)(abs1(d.x), abs1(d.y), abs1(d.z));
+    float3 a = abs3(d);
     Shear s;
     s.kz = a.x > a.y ? (a.x > a.z ? 0 : 2) : (a.y > a.z ? 1 : 2);
     s.kx = s.kz == 2 ? 0 : s.kz + 1;
@@ -33,9 +33,9 @@ INLINE Shear shear_from(float3 o, float3 d)
     s.ox = axis_of(o, s.kx);
     s.oy = axis_of(o, s.ky);
     s.oz = axis_of(o, s.kz);
-    s.sx = axis_of(d, s.kx) / dz;
-    s.sy = axis_of(d, s.ky) / dz;
     s.sz = 1.0f / dz;
+    s.sx = axis_of(d, s.kx) * s.sz;
+    s.sy = axis_of(d, s.ky) * s.sz;
     return s;
 }
 

@@ -138,7 +138,6 @@ typedef struct {
     uint sample_count; /* samples of each of them */
     uint first_sample;
     uint stride;       /* floats from one output plane to the next */
-    uint width;        /* of the film */
     uint seed;
 } PassParams;
 

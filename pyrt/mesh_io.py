@@ -61,7 +61,7 @@ def load_mesh(path: str | os.PathLike[str]) -> MeshData:
 def transformed(mesh: MeshData, matrix: ArrayLike) -> MeshData:
     """The mesh under an invertible affine 4×4 matrix, for column vectors; normals by the inverse transpose.
 
-    A mirroring matrix also reverses the order of the corners, so that the outside of a closed mesh stays its front side.
+    A mirroring matrix also swaps two corners of each triangle, so that the outside of a closed mesh stays its front.
     """
     matrix = np.asarray(matrix, np.float64)
     linear = matrix[:3, :3]
@@ -175,7 +175,8 @@ def _apply(linear: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit vectors; NaN for those without a direction."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.divide(vectors, np.linalg.norm(vectors, axis=-1, keepdims=True))
+        unit: NDArray[np.float64] = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit
 
 
 def _flat_normals(mesh: MeshData) -> NDArray[np.float64]:

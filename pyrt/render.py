@@ -121,7 +121,7 @@ class Renderer:
         planes = self._device.allocate(4 * max(3 * p["sample_count"] * p["stride"] for p in passes))
         counts = self._device.allocate(12 * max(_groups(p) for p in passes))
         for params in passes:
-            params["width"], params["seed"] = width, seed
+            params["seed"] = seed
             start = perf_counter()
             self._device.run(
                 self._kernel, _items(params), params.tobytes(), scene_params, *self._buffers, pixel_buffer, planes, counts
@@ -149,9 +149,9 @@ class Renderer:
 
     def _result(self, film: Film, pixels: NDArray[np.uint32], width: int, height: int, tally: _Tally) -> Result:
         def picture(planes: NDArray[Any], dtype: type) -> NDArray[Any]:
-            out = np.empty((height * width, *planes.shape[:-1]), dtype)
-            out[pixels] = planes.T
-            return out.reshape(height, width, *planes.shape[:-1])
+            out = np.empty((height, width, *planes.shape[:-1]), dtype)
+            out[pixels >> 16, pixels & 0xFFFF] = planes.T
+            return out
 
         specular, shadow, skipped = (int(n) for n in tally.counts)
         stats = {
@@ -191,10 +191,11 @@ def _check_arguments(spp: int, seed: int, width: int, height: int, pass_samples:
 
 
 def _tiled_pixels(width: int, height: int) -> NDArray[np.uint32]:
-    """All pixel indices y · width + x, tile by tile."""
-    y, x = np.mgrid[0:height, 0:width]
-    tile = (y // _TILE) * (-(-width // _TILE)) + x // _TILE
-    return np.argsort(tile.ravel(), kind="stable").astype(np.uint32)
+    """All pixels as x + 65536 · y, tile by tile."""
+    y, x = np.mgrid[0:height, 0:width].astype(np.uint32)
+    tile = (y // _TILE) * np.uint32(-(-width // _TILE)) + x // _TILE
+    order = np.argsort(tile.ravel(), kind="stable")
+    return ((y << np.uint32(16)) | x).ravel()[order]
 
 
 def _passes(pixels: int, spp: int, pass_samples: int) -> list[NDArray[Any]]:

@@ -22,6 +22,7 @@ BLOCK_SIZE = 8
 SIZE_CLASSES = (BLOCK_SIZE, 32, 4096)  # nodes of up to 8 primitives, of up to 32 ... are split apart from larger ones
 BINS = (8, 16, 32, 32)  # of each class
 SAMPLE_SIZE = 1024  # primitives that suffice to judge a node's planes
+OUTLIER = np.float32(1 / 32)
 CHUNK_NODES = 1024  # nodes split at once: few enough for their bins to stay in the cache
 SMALL_GAIN = 0.8  # a node that fits a block is split if its parts have less than this much of its area
 BALANCE = np.float32(1e-5)  # weight of the difference in count, to decide between planes of equal cost
@@ -135,7 +136,7 @@ def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[Chun
 
 def _sides(chunk: Chunk, max_depth: int) -> tuple[Bools, Bools]:
     """Whether each primitive goes to the right, and whether each node is split at all."""
-    planes = _best_planes(_sample(chunk))
+    planes = _best_planes(*_sample(chunk))
     n = len(chunk.ids)
     index = np.repeat(planes.axis * n, chunk.count) + np.arange(n)
     values = chunk.boxes.ravel()
@@ -152,13 +153,22 @@ def _sides(chunk: Chunk, max_depth: int) -> tuple[Bools, Bools]:
     return right, ~small | (planes.gain & ~bad & (chunk.depth < max_depth))
 
 
-def _sample(chunk: Chunk) -> Chunk:
+def _sample(chunk: Chunk) -> tuple[Chunk, Ints | None]:
+    """Some of each node's primitives, all those that stick out of their box by OUTLIER of its extent, and the weights."""
     stride = int(chunk.count.min()) // SAMPLE_SIZE
     if stride <= 1:
-        return chunk
-    end = np.cumsum(chunk.count)
-    count = (end + stride - 1) // stride - (end - chunk.count + stride - 1) // stride
-    return Chunk(chunk.boxes[:, ::stride], chunk.ids[::stride], chunk.node, count, chunk.depth)
+        return chunk, None
+    start = _starts(chunk.count)
+    chosen = np.zeros(len(chunk.ids), np.bool_)
+    chosen[::stride] = True
+    box = np.maximum.reduceat(chunk.boxes[:, ::stride], _starts(np.add.reduceat(chosen, start, dtype=np.int64)), axis=1)
+    limit = box + OUTLIER * (box[:3] + box[3:]).max(axis=0)
+    for k in range(6):
+        chosen |= chunk.boxes[k] > np.repeat(limit[k], chunk.count)
+    index = np.flatnonzero(chosen)
+    count = np.add.reduceat(chosen, start, dtype=np.int64)
+    weight = np.where(index % stride == 0, stride, 1)
+    return Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], chunk.node, count, chunk.depth), weight
 
 
 def _split_at_medians(chunk: Chunk, nodes: Bools, right: Bools) -> None:
@@ -182,7 +192,7 @@ def _bins(position: Floats, count: Ints, low: Floats, extent: Floats, bins: int)
     return scaled.astype(np.int64)
 
 
-def _best_planes(chunk: Chunk) -> Planes:
+def _best_planes(chunk: Chunk, weight: Ints | None) -> Planes:
     bins = BINS[np.searchsorted(SIZE_CLASSES, chunk.count.max())]
     m = len(chunk.node)
     start = _starts(chunk.count)
@@ -197,7 +207,7 @@ def _best_planes(chunk: Chunk) -> Planes:
         cell = _bins(position[axis], chunk.count, low[axis], extent[axis], bins) * m + node
         for k in range(6):
             np.maximum.at(boxes[axis, k], cell, chunk.boxes[k])
-        counts[axis] = np.bincount(cell, minlength=bins * m)
+        counts[axis] = np.bincount(cell, weight, bins * m)
     cost, area = _sweep(boxes.reshape(3, 6, bins, m), counts.reshape(3, bins, m))
     cost = cost.reshape(-1, m)
     best = cost.argmin(axis=0)

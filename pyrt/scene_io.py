@@ -114,7 +114,9 @@ def _open(source: Source, base_dir: str | os.PathLike[str] | None) -> tuple[dict
         try:
             return plain(source), _Loading("scene", Path(base_dir or ".")), "scene"
         except RecursionError:
-            raise SceneError("scene: its objects or arrays are nested too deeply") from None
+            raise SceneError("scene: arrays or objects are nested too deeply") from None
+        except SceneError as error:
+            raise SceneError(f"scene: {error}") from None
     if not isinstance(source, (str, os.PathLike)):
         raise UsageError(f"scene: expected a file name or a dict, got a {type(source).__name__}")
     place = os.fspath(source)
@@ -130,11 +132,11 @@ def _scene(
         loading.problem("objects", "expected at least one object, got []")
     objects = {json_path(("objects", i)): o for i, o in zip(indices, model.objects, strict=True)}
     for path, shape in objects.items():
-        _check_name(loading, f"{path}.material_name", "material", shape.material_name, raw.get("materials"))
+        _check_name(loading, f"{path}.material_name", "material", shape.material_name, raw.get("materials", {}))
     for key, material in model.materials.items():
         if isinstance(material, schema.Diffuse):
             path = json_path(("materials", key, "texture_name"))
-            _check_name(loading, path, "texture", material.texture_name, raw.get("textures"))
+            _check_name(loading, path, "texture", material.texture_name, raw.get("textures", {}))
     used = {shape.material_name for shape in objects.values()}
     materials = {key: material for key, material in model.materials.items() if key in used}
     textures = _textures(loading, model, materials)
@@ -155,9 +157,8 @@ def _scene(
 
 def _check_name(loading: _Loading, path: str, kind: str, name: str | None, entries: Any) -> None:
     """Looks the name up in the file's entries, valid or not, so that a broken one is not reported as missing too."""
-    known = entries if isinstance(entries, dict) else {}
-    if name is not None and name not in known:
-        loading.problem(path, f"no {kind} {quote(name)}{suggestion(name, known)}")
+    if name is not None and isinstance(entries, dict) and name not in entries:
+        loading.problem(path, f"no {kind} {quote(name)}{suggestion(name, entries)}")
 
 
 def _texture_path(key: str, material: schema.Diffuse) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,30 +20,30 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
         SceneError: unreadable file, not UTF-8, not JSON (with line and column), repeated keys, not an object.
     """
     content = read_bytes(path)
-    repeated: list[str] = []
+    faults: list[str] = []
 
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        entries = dict(pairs)
-        if len(entries) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = [key for key in entries if keys.count(key) > 1]
-            repeated.extend(f"{path}: the key {quote(key)} occurs more than once in one object" for key in twice)
-        return entries
+    def checked(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        for key, count in Counter(key for key, _ in pairs).items():
+            if count > 1:
+                faults.append(f"{path}: the key {quote(key)} occurs {count} times in one object")
+            if not key.isprintable():
+                faults.append(f"{path}: the key {key!a} holds characters that cannot be printed")
+        return dict(pairs)
 
     try:
-        raw = json.loads(content.decode("utf-8-sig"), object_pairs_hook=unique)
+        raw = json.loads(content.decode("utf-8-sig"), object_pairs_hook=checked)
     except UnicodeDecodeError as error:
         byte = f"the byte {content[error.start]:#04x} at position {error.start}"
         raise SceneError(f"{path}: expected UTF-8 text, found {byte}") from None
     except json.JSONDecodeError as error:
-        what = "expected JSON, the file is empty" if not content.strip() else f"not valid JSON: {error.msg.lower()}"
-        raise SceneError(f"{path}: line {error.lineno}, column {error.colno}: {what}") from None
+        reason = error.msg.lower().removesuffix(" at") if content.strip() else "the file is empty"
+        raise SceneError(f"{path}: line {error.lineno}, column {error.colno}: not valid JSON: {reason}") from None
     except RecursionError:
         raise SceneError(f"{path}: arrays or objects are nested too deeply") from None
     except ValueError:
         raise SceneError(f"{path}: a number has too many digits") from None
-    if repeated:
-        raise SceneError(repeated)
+    if faults:
+        raise SceneError(faults)
     if not isinstance(raw, dict):
         raise SceneError(f"{path}: expected a JSON object, got {quote(raw)}")
     return raw
@@ -51,15 +52,24 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 def plain(value: Any) -> Any:
     """A deep copy made of what JSON knows: of mappings, sequences, paths and numpy's arrays and scalars.
 
-    Raises RecursionError for a structure that contains itself.
+    Raises:
+        SceneError: something else, or an unprintable key.
+        RecursionError: a structure that contains itself.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        for key in value:
+            if not (isinstance(key, str) and key.isprintable()):
+                raise SceneError(f"expected a printable string as key, got {key!a}")
+        return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
-    return os.fspath(value) if isinstance(value, os.PathLike) else value
+    if value is None or isinstance(value, (str, int, float)):
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise SceneError(f"expected numbers, strings, lists or dicts, got a value of type {type(value).__name__}")
 
 
 def override(raw: dict[str, Any], path: str, value: Any) -> None:
@@ -68,6 +78,8 @@ def override(raw: dict[str, Any], path: str, value: Any) -> None:
     Missing keys are added, for validation to judge; only entries (a texture, an object) have to be there.
     Raises SceneError for a path into something that is not there.
     """
+    if not path.isprintable():
+        raise SceneError(f"{path!a} holds characters that cannot be printed")
     *parents, last = path.split(".")
     node: Any = raw
     for depth, step in enumerate(parents):

@@ -1,7 +1,7 @@
 """The JSON scene format as pydantic models: what validates a scene, and what `pyrt schema` publishes.
 
-What spans several entries or files (names, meshes, images) is checked by `scene_io`. A null is the same as leaving the
-key out.
+What spans several entries or files (names, meshes, images) is checked by `scene_io`. Where the default is null, a null
+in the file is the same as leaving the key out.
 """
 
 from __future__ import annotations
@@ -215,12 +215,11 @@ class Rectangle(Object):
     edge1: Vec3 = Field(description="Full side vector.")
     edge2: Vec3 = Field(description="Full side vector.")
 
-    @field_validator("edge2")
-    @classmethod
-    def _check_area(cls, edge2: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        if "edge1" in info.data and sine(info.data["edge1"], edge2) < 1e-12:
-            raise unexpected("a side that spans an area with edge1")
-        return edge2
+    @model_validator(mode="after")
+    def _check_area(self) -> Rectangle:
+        if sine(self.edge1, self.edge2) < 1e-12:
+            raise sentence(f"edge1 {list(self.edge1)} and edge2 {list(self.edge2)} span no area")
+        return self
 
 
 class Displacement(Model):

@@ -43,7 +43,7 @@ def quote(value: Any) -> str:
     """A value as JSON, shortened."""
     try:
         text = json.dumps(value, ensure_ascii=False)
-    except (TypeError, ValueError, RecursionError):
+    except (ValueError, RecursionError):
         text = "a value that JSON cannot hold"
     return text if len(text) <= _MAX_QUOTE else text[: _MAX_QUOTE - 3] + "..."
 
@@ -55,7 +55,7 @@ def suggestion(name: object, valid: Iterable[str]) -> str:
     if close:
         return f"; did you mean {quote(close[0])}?"
     shown = [quote(n) for n in names[:_MAX_NAMES]] + ["..."] * (len(names) > _MAX_NAMES)
-    return f"; there is {', '.join(shown)}" if names else "; there is none"
+    return f"; expected one of {', '.join(shown)}" if names else "; there is none"
 
 
 def json_path(location: Location) -> str:

@@ -66,7 +66,7 @@ _NonNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 _Unit = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)]
 _Side = Annotated[int, Field(strict=True, ge=1, le=_MAX_SIDE)]
 
-Name = Annotated[str, Field(min_length=1), expect("a non-empty string")]
+Name = Annotated[str, Field(min_length=1, max_length=1024), expect("a string of 1 to 1024 characters")]
 Flag = Annotated[bool, Field(strict=True), expect("true or false")]
 Positive = Annotated[_Finite, Field(gt=0), expect("a number > 0")]
 Fraction = Annotated[_Finite, Field(ge=0, lt=1), expect("a number >= 0 and < 1")]

@@ -76,11 +76,12 @@ def quad(a: int, b: int, c: int, d: int) -> list[tuple[int, int, int]]:
 
 
 def wall(name: str) -> Polygons:
-    """Return a wall that faces the room."""
+    """A wall that faces the room."""
     return Polygons(WALLS[name], quad(3, 2, 1, 0) if name in CLOCKWISE else quad(0, 1, 2, 3), UNIT_SQUARE)
 
 
 def box(height: float, base: Sequence[Vec2]) -> Polygons:
+    """A closed prism that faces outward."""
     vertices = [(x, y, z) for y in (BOX_BOTTOM, height) for x, z in base]
     sides = [quad(i, (i + 1) % 4, (i + 1) % 4 + 4, i + 4) for i in range(4)]
     return Polygons(vertices, [t for face in [quad(3, 2, 1, 0), quad(4, 5, 6, 7), *sides] for t in face])

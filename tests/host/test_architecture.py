@@ -17,8 +17,8 @@ LAYERS = """
 __main__
 cli
 __init__
-api
-renderer
+api info progress
+renderer tracer
 device pack scene_io film
 pack_lights tree scene_json
 features geometry bvh image_io mesh_io schema_errors

@@ -1,9 +1,10 @@
-"""The example scenes' own data: measured numbers, closed meshes, textures that tile, files that exist."""
+"""The example scenes' own data: measured numbers, closed meshes, textures that tile, files that exist and load."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 from numpy.typing import NDArray
+
+from pyrt.scene import Mesh
+from pyrt.scene_io import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "scenes").glob("*.json"))
@@ -180,7 +184,7 @@ def test_texture_script_paints_the_textures_pixel_for_pixel(tmp_path: Path) -> N
 
 
 def seam(pixels: NDArray[Any], axis: int) -> float:
-    """How much larger the mean step across the border is than the median of those between neighbouring rows."""
+    """The mean step across the border, in units of the 95th percentile of those between neighbouring rows."""
     image = pixels.astype(float)
     steps = np.abs(image - np.roll(image, 1, axis)).mean(axis=(1 - axis, 2))
     return float(steps[0] / np.quantile(steps, 0.95))
@@ -275,3 +279,24 @@ def test_boxes_stand_in_the_room_apart_from_each_other() -> None:
     assert (np.abs([short, tall]) < 1).all()
     assert are_apart(short, tall)
     assert not are_apart(short, short + 0.1)
+
+
+def test_boulder_of_the_mesh_room_rests_on_the_floor_and_touches_nothing_else() -> None:
+    meshes = [shape for shape in load_scene(ROOT / "scenes/mesh_room.json").shapes if isinstance(shape, Mesh)]
+    boulder = max(meshes, key=lambda shape: len(shape.triangles))
+    assert len(boulder.triangles) == 327_680
+    low, high = boulder.vertices.min(axis=0), boulder.vertices.max(axis=0)
+    assert (low[[0, 2]] > -0.95).all()
+    assert (high < [0.95, 1.9, 0.95]).all()
+    assert 0 < low[1] < 0.01
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_scene_loads_without_a_warning(path: Path) -> None:
+    assert load_scene(path).warnings == ()
+
+
+def test_scene_of_the_readme_loads() -> None:
+    match = re.search(r"```json\n(.*?)```", (ROOT / "scenes/README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert match
+    assert len(load_scene(json.loads(match[1]), base_dir=ROOT / "scenes").shapes) == 4

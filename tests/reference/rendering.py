@@ -8,7 +8,7 @@ import pyrt
 from pyrt.scene import Camera, ConstantTexture, Diffuse, Material, PointLight, Scene, Shape, Texture
 
 from .analytic import Array
-from .statistics import Estimate, assert_agrees, gaussian, replicate, z_scores
+from .statistics import ROUNDING, Estimate, assert_agrees, gaussian, replicate, z_scores
 
 ALBEDO = (0.5, 0.25, 0.75)
 SEEDS = 16
@@ -37,7 +37,7 @@ def replicates(scene: Scene, spp: int, size: tuple[int, int], seeds: int = SEEDS
 
 
 def assert_renders(
-    scene: Scene, truth: Array | Estimate, spp: int = 64, bias: float | None = None, rounding: float = 1e-5
+    scene: Scene, truth: Array | Estimate, spp: int = 64, bias: float | None = None, rounding: float = ROUNDING
 ) -> None:
     """Fail unless the renders' mean is the truth (height, width, 3) in every pixel.
 
