@@ -48,24 +48,33 @@ INLINE float fresnel(float eta, float cos_i, float cos_t)
     return 0.5f * fma1(parallel, parallel, perpendicular * perpendicular);
 }
 
-/* Continues a path through a specular surface: the new direction, and in *weight what the radiance along it counts for.
- * `refraction` transmits everything; `dielectric` picks reflection with the Fresnel probability, u in [0, 1), and scales
- * transmitted radiance by eta^2, because radiance over the square of the index is what a ray conserves. */
-INLINE float3 bsdf_specular(const global Material *material, const Surface *si, float3 d, float u, float *weight)
+/* Both ways on from a specular surface. Radiance along `refracted` counts for (1 - reflectance) * transmission,
+ * along `reflected` for `reflectance`. */
+typedef struct {
+    float3 reflected;
+    float3 refracted;
+    float reflectance;  /* 1 on total internal reflection; 0 otherwise for `refraction`, Fresnel's for `dielectric` */
+    float transmission; /* eta^2 for `dielectric`: radiance over the square of the index is what a ray conserves */
+} Specular;
+
+INLINE Specular bsdf_specular(const global Material *material, const Surface *si, float3 d)
 {
     d = normalize3(d);
     float eta = si->front ? material->eta : 1.0f / material->eta;
     float cos_i = min1(abs1(dot3(d, si->n)), 1.0f);
     float cos2_t = cos2_transmitted(eta, cos_i);
-    bool reflected = cos2_t < 0.0f;
     float cos_t = sqrt1(max1(cos2_t, 0.0f));
-    *weight = 1.0f;
+    bool total = cos2_t < 0.0f;
+    Specular s;
+    s.reflected = reflect(d, si->n, cos_i);
+    s.refracted = refract(d, si->n, eta, cos_i, cos_t);
+    s.reflectance = total ? 1.0f : 0.0f;
+    s.transmission = 1.0f;
     if (HAS_DIELECTRIC && material->kind == MATERIAL_DIELECTRIC) {
-        reflected = reflected || u < fresnel(eta, cos_i, cos_t);
-        if (!reflected)
-            *weight = eta * eta;
+        s.reflectance = total ? 1.0f : fresnel(eta, cos_i, cos_t);
+        s.transmission = eta * eta;
     }
-    return reflected ? reflect(d, si->n, cos_i) : refract(d, si->n, eta, cos_i, cos_t);
+    return s;
 }
 
 #endif

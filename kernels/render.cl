@@ -28,7 +28,7 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
         float2 jitter = sample_2d(sampler, 0u);
         float3 o, d;
         camera_ray(&params->camera, (float)(pixel & 0xffffu) + jitter.x, (float)(pixel >> 16) + jitter.y, &o, &d);
-        float3 radiance = direct_radiance(&scene, ray_make(o, d, INFINITY, -1), sampler, &counters);
+        float3 radiance = direct_radiance(&scene, o, d, sampler, &counters);
 
         global float *out = planes + (size_t)(3u * s) * pass.stride + p;
         out[0] = radiance.x;

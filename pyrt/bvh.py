@@ -36,7 +36,7 @@ class Bvh:
 
 
 def build(low: NDArray[np.float32], high: NDArray[np.float32]) -> Bvh:
-    """The tree over n >= 1 primitives with bounds (n, 3), |x| < 2^126. Depends on nothing but these numbers."""
+    """The tree over n >= 1 primitives with bounds (n, 3), |x| < 2^125. Depends on nothing but these numbers."""
     # One level is left for a common root above two trees.
     tree = split(low, high, constants()["BVH_MAX_DEPTH"] - 1)
     levels = _levels(tree.children)

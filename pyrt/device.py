@@ -132,7 +132,7 @@ class Device:
         """Compiles a file of `kernels/`; returns its kernels by name."""
         cl, start = self._cl, perf_counter()
         folder = kernel_dir()
-        flags = ["-cl-std=CL1.2", f"-DLOCAL_SIZE={LOCAL_SIZE}", *options]
+        flags = ["-cl-std=CL1.2", "-w", f"-DLOCAL_SIZE={LOCAL_SIZE}", *options]
         if self.info.raw.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
             flags.append("-cl-fp32-correctly-rounded-divide-sqrt")
         with _include_option(folder) as include, warnings.catch_warnings():

@@ -53,7 +53,6 @@ class Chunk:
 class Planes:
     """One plane for each node: primitives in bins above `last` lie on its right."""
 
-    bins: int
     axis: Ints
     low: Floats  # bounds of the node's positions on that axis
     extent: Floats  # never 0
@@ -65,29 +64,30 @@ def split(low: Floats, high: Floats, max_depth: int) -> BinaryTree:
     """Splits n primitives into leaves of at most 8, none of them deeper than `max_depth` (the root has depth 0).
 
     Args:
-        low, high: (n, 3) bounds, |x| < 2^126; 1 <= n <= 8 * 2^max_depth.
+        low, high: (n, 3) bounds, |x| < 2^125; 1 <= n <= 8 * 2^max_depth.
         max_depth: at most 50. Exact median splits replace the SAH where the depth would run out.
     """
     n = len(low)
     leaf = np.zeros(n, np.int32)
     zero = np.zeros(1, np.int64)
     boxes = np.concatenate([-low.T, high.T]).astype(np.float32, copy=False)
-    stack = [Chunk(boxes, np.arange(n, dtype=np.int32), zero, zero + n, zero)]
+    waiting: list[list[Chunk]] = [[] for _ in BINS]
+    waiting[np.searchsorted(SIZE_CLASSES, n)].append(Chunk(boxes, np.arange(n, dtype=np.int32), zero, zero + n, zero))
     seen: list[tuple[Ints, Ints, Floats]] = []
     parents: list[Ints] = []
     total = 1
-    while stack:
-        chunk = stack.pop()
-        if len(chunk.node) > CHUNK_NODES:
-            stack += _halves(chunk)
-            continue
-        seen.append((chunk.node, chunk.count, np.maximum.reduceat(chunk.boxes, _starts(chunk.count), axis=1)))
-        right, inner = _sides(chunk, max_depth)
-        if not inner.all():
-            leaf[chunk.ids] = np.repeat(chunk.node, chunk.count)
-        parents.append(chunk.node[inner])
-        stack += _children(chunk, right, inner, total)
-        total += 2 * len(parents[-1])
+    for size_class in reversed(range(len(BINS))):
+        while waiting[size_class]:
+            chunks, waiting[size_class] = _regroup(waiting[size_class]), []
+            for chunk in chunks:
+                seen.append((chunk.node, chunk.count, np.maximum.reduceat(chunk.boxes, _starts(chunk.count), axis=1)))
+                right, inner = _sides(chunk, size_class, max_depth)
+                if size_class == 0:
+                    leaf[chunk.ids] = np.repeat(chunk.node, chunk.count)
+                parents.append(chunk.node[inner])
+                for k, child in _children(chunk, right, inner, total):
+                    waiting[k].append(child)
+                total += 2 * len(parents[-1])
     return _assemble(total, seen, parents, leaf)
 
 
@@ -109,14 +109,22 @@ def _starts(count: Ints) -> Ints:
     return np.cumsum(count) - count
 
 
-def _halves(chunk: Chunk) -> list[Chunk]:
-    m = len(chunk.node) // 2
-    n = int(chunk.count[:m].sum())
-    parts = (slice(m), slice(n)), (slice(m, None), slice(n, None))
-    return [Chunk(chunk.boxes[:, p], chunk.ids[p], chunk.node[i], chunk.count[i], chunk.depth[i]) for i, p in parts]
+def _regroup(chunks: list[Chunk]) -> list[Chunk]:
+    """The same nodes in chunks of CHUNK_NODES."""
+    boxes = np.concatenate([chunk.boxes for chunk in chunks], axis=1)
+    ids, node, count, depth = (
+        np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("ids", "node", "count", "depth")
+    )
+    ends = np.append(_starts(count), len(ids))
+    pieces = []
+    for first in range(0, len(node), CHUNK_NODES):
+        part = slice(first, first + CHUNK_NODES)
+        own = slice(ends[first], ends[min(first + CHUNK_NODES, len(node))])
+        pieces.append(Chunk(boxes[:, own], ids[own], node[part], count[part], depth[part]))
+    return pieces
 
 
-def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[Chunk]:
+def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[tuple[int, Chunk]]:
     """The children of the `inner` nodes, by size class; numbered from `first`, all the left ones before the right ones."""
     on_right = np.add.reduceat(right, _starts(chunk.count), dtype=np.int64)
     count = np.stack([chunk.count - on_right, on_right])
@@ -130,18 +138,19 @@ def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[Chun
             in_left, in_right = np.repeat(mask, chunk.count, axis=1)
             index = np.concatenate([np.flatnonzero(in_left & ~right), np.flatnonzero(in_right & right)])
             depth = np.broadcast_to(chunk.depth + 1, mask.shape)[mask]
-            chunks.append(Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], node[mask], count[mask], depth))
+            child = Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], node[mask], count[mask], depth)
+            chunks.append((k, child))
     return chunks
 
 
-def _sides(chunk: Chunk, max_depth: int) -> tuple[Bools, Bools]:
+def _sides(chunk: Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools]:
     """Whether each primitive goes to the right, and whether each node is split at all."""
-    planes = _best_planes(*_sample(chunk))
+    planes = _best_planes(*_sample(chunk), BINS[size_class])
     n = len(chunk.ids)
     index = np.repeat(planes.axis * n, chunk.count) + np.arange(n)
     values = chunk.boxes.ravel()
     position = values.take(index + 3 * n) - values.take(index)
-    bins = _bins(position, chunk.count, planes.low, planes.extent, planes.bins)
+    bins = _bins(position, chunk.count, planes.low, planes.extent, BINS[size_class])
     right = bins > np.repeat(planes.last, chunk.count)
     on_right = np.add.reduceat(right, _starts(chunk.count), dtype=np.int64)
     larger = np.maximum(on_right, chunk.count - on_right)
@@ -185,15 +194,15 @@ def _split_at_medians(chunk: Chunk, nodes: Bools, right: Bools) -> None:
 
 
 def _bins(position: Floats, count: Ints, low: Floats, extent: Floats, bins: int) -> Ints:
-    """0 ... bins - 1 for positions within [low, low + extent] of their node."""
-    scaled = position - np.repeat(low, count)
-    scaled /= np.repeat(extent, count)  # a reciprocal could overflow
-    scaled *= np.float32(bins * (1 - 1e-6))
-    return scaled.astype(np.int64)
+    """The bin of each position in its node's interval, [low, low + extent]; the first or the last one outside of it."""
+    with np.errstate(over="ignore"):
+        scaled = position - np.repeat(low, count)
+        scaled /= np.repeat(extent, count)
+        scaled *= np.float32(bins)
+    return np.clip(scaled, 0, bins - 1, out=scaled).astype(np.int64)
 
 
-def _best_planes(chunk: Chunk, weight: Ints | None) -> Planes:
-    bins = BINS[np.searchsorted(SIZE_CLASSES, chunk.count.max())]
+def _best_planes(chunk: Chunk, weight: Ints | None, bins: int) -> Planes:
     m = len(chunk.node)
     start = _starts(chunk.count)
     position = chunk.boxes[3:] - chunk.boxes[:3]
@@ -202,7 +211,7 @@ def _best_planes(chunk: Chunk, weight: Ints | None) -> Planes:
     extent[extent == 0] = 1
     node = np.repeat(np.arange(m), chunk.count)
     boxes = np.full((3, 6, bins * m), -np.inf, np.float32)
-    counts = np.empty((3, bins * m), np.int32)
+    counts = np.empty((3, bins * m), np.float32)
     for axis in range(3):
         cell = _bins(position[axis], chunk.count, low[axis], extent[axis], bins) * m + node
         for k in range(6):
@@ -213,10 +222,10 @@ def _best_planes(chunk: Chunk, weight: Ints | None) -> Planes:
     best = cost.argmin(axis=0)
     axis, last = np.divmod(best, bins - 1)
     each = np.arange(m)
-    return Planes(bins, axis, low[axis, each], extent[axis, each], last, cost[best, each] < SMALL_GAIN * area)
+    return Planes(axis, low[axis, each], extent[axis, each], last, cost[best, each] < SMALL_GAIN * area)
 
 
-def _sweep(left: Floats, count: NDArray[np.int32]) -> tuple[Floats, Floats]:
+def _sweep(left: Floats, count: Floats) -> tuple[Floats, Floats]:
     """SAH cost of every plane, (3, bins - 1, nodes), and the nodes' areas, (nodes,). Overwrites its arguments.
 
     Areas are relative to the square of the node's largest extent, so that they neither overflow nor underflow.
@@ -230,18 +239,19 @@ def _sweep(left: Floats, count: NDArray[np.int32]) -> tuple[Floats, Floats]:
     on_left, on_right = count[:, :-1], total - count[:, :-1]
     unit = (left[0, :3, -1] + left[0, 3:, -1]).max(axis=0)
     unit[unit == 0] = 1
-    with np.errstate(invalid="ignore"):  # the box of nothing
-        cost = _area(left[:, :, :-1], unit) * _blocks(on_left) + _area(right[:, :, 1:], unit) * _blocks(on_right)
-    cost += np.abs(on_left - on_right) * (BALANCE / total.astype(np.float32))
-    cost[(on_left == 0) | (on_right == 0)] = np.inf
+    cost = _area(left[:, :, :-1], unit) * _blocks(on_left) + _area(right[:, :, 1:], unit) * _blocks(on_right)
+    cost += np.abs(on_left - on_right) * (BALANCE / total)
     return cost, _area(left[:1, :, -1], unit)[0]
 
 
 def _area(boxes: Floats, unit: Floats) -> Floats:
-    """Half the surface of (3, 6, ...) boxes in units of unit^2."""
-    x, y, z = np.moveaxis((boxes[:, :3] + boxes[:, 3:]) / unit, 1, 0)
+    """Half the surface of (3, 6, ...) boxes in units of unit^2; inf for the box of nothing."""
+    extent = boxes[:, :3] + boxes[:, 3:]
+    extent /= unit
+    x, y, z = extent[:, 0], extent[:, 1], extent[:, 2]
     return x * y + z * (x + y)
 
 
-def _blocks(count: NDArray[np.int32]) -> Floats:
-    return ((count + (BLOCK_SIZE - 1)) // BLOCK_SIZE).astype(np.float32)
+def _blocks(count: Floats) -> Floats:
+    """At least 1, so that a side of nothing costs infinity."""
+    return np.maximum(np.ceil(count * np.float32(1 / BLOCK_SIZE)), 1)

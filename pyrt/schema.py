@@ -64,7 +64,7 @@ class Filter(Model):
 
 
 class Film(Model):
-    """The picture."""
+    """The size of the picture and how samples make its pixels."""
 
     resolution: Resolution = Field((512, 512), description="Width and height in pixels.")
     filter: Filter = Field(Filter(), description="The reconstruction filter.")

@@ -90,9 +90,11 @@ def test_an_unprepared_process_is_aborted(bare):
 
 @pytest.mark.slow
 @needs_wheel
-@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="needs root and `unshare`")
 def test_a_picture_without_toolchain(bare, tmp_path):
-    wrapper = [shutil.which("unshare"), "--mount", "sh", "-c", HIDE, "sh"]
+    unshare = shutil.which("unshare")
+    if not unshare or subprocess.run([unshare, "--mount", "true"], capture_output=True).returncode:
+        pytest.skip("needs root and the right to mount")
+    wrapper = [unshare, "--mount", "sh", "-c", HIDE, "sh"]
     assert bare("-c", NEGATE, "unprepared", path="/usr/bin:/bin", wrapper=wrapper).returncode == -signal.SIGABRT
     picture = tmp_path / "picture.exr"
     render = ["-m", "pyrt", "render", "scenes/cornell.json", "--size", "32x32", "--spp", "1", "-o", str(picture)]

@@ -200,12 +200,10 @@ def test_a_failed_write_leaves_the_old_file(
         temporary.write_bytes(b"half a pict")
         raise OSError(28, "No space left on device")
 
-    with (
-        monkeypatch.context() as patch,
-        pytest.raises(PyrtError, match="a.png: cannot be written: no space left on device$"),
-    ):
+    with monkeypatch.context() as patch:
         patch.setattr(image_io, "_write", fail)
-        write_image(path, picture)
+        with pytest.raises(PyrtError, match=r"a\.png: cannot be written: no space left on device$"):
+            write_image(path, picture)
     assert path.read_bytes() == b"old"
     write_image(path, picture)
     assert path.read_bytes() != b"old"
