@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from pyrt.render import Progress, Renderer, Result
+from pyrt.renderer import Progress, Renderer, Result
 from pyrt.scene import Scene
 from pyrt.scene_io import load_scene
 from pyrt.tracer import Hits, RayTracer

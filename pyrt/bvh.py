@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.layout import constants
-from pyrt.sah import BinaryTree, split
+from pyrt.sah import BLOCK_SIZE, BinaryTree, split
 
-WIDTH = 8  # BVH_WIDTH: children of a node, primitives of a block
-TINY_AREA = 1e-9  # least area of a box, in areas of the root: of trees without area, the smallest is best
+WIDTH = BLOCK_SIZE  # a node has as many children as a block has primitives
+TINY_AREA = 1e-9  # least area of a box, in areas of the root: where there is no area, the fewest nodes are best
 
 
 @dataclass(frozen=True)
@@ -36,24 +36,35 @@ class Bvh:
 
 
 def build(low: NDArray[np.float32], high: NDArray[np.float32]) -> Bvh:
-    """The tree over n >= 1 primitives with bounds (n, 3), |x| < 2^125. Depends on nothing but these numbers."""
-    # One level is left for a common root above two trees.
-    tree = split(low, high, constants()["BVH_MAX_DEPTH"] - 1)
+    """The tree over n >= 1 primitives with finite bounds (n, 3), |x| < 2^125. The same bounds give the same tree."""
+    # One level is left for a root above two trees.
+    return collapse(split(low, high, constants()["BVH_MAX_DEPTH"] - 1))
+
+
+def collapse(tree: BinaryTree) -> Bvh:
+    """The 8-wide tree of least cost whose nodes and blocks are nodes of the binary `tree`; not deeper than that."""
     levels = _levels(tree.children)
     plan = _plan(tree, levels)
-    bounds, child, block_nodes = _collapse(tree, plan)
+    bounds, child, block_nodes = _wide_nodes(tree, plan)
     blocks = _blocks(tree, levels, block_nodes)
-    depth = len(child)
-    if not child:
-        return Bvh(np.empty((0, 3, 2, WIDTH), np.float32), np.empty((0, WIDTH), np.int32), blocks, ~0, 0, 1.0)
-    return Bvh(np.concatenate(bounds), np.concatenate(child), blocks, 0, depth, float(plan.cost[0, 0]))
+    empty_bounds, empty_child = np.empty((0, 3, 2, WIDTH), np.float32), np.empty((0, WIDTH), np.int32)
+    return Bvh(
+        np.concatenate([empty_bounds, *bounds]),
+        np.concatenate([empty_child, *child]),
+        blocks,
+        root=0 if child else ~0,
+        depth=len(child),
+        cost=float(plan.cost[0, 0]),
+    )
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """How to make a binary tree wide at the least cost, after Ylitie et al., "Efficient Incoherent Ray Traversal on GPUs
-    Through Compressed Wide BVHs" (2017), section 3.2: `cost[i, k]` is the least cost of covering binary node `k` with at most
-    i + 1 slots of a wide node; if that takes more than one slot, `left[i, k]` of them go to the left child.
+    """How to fill the slots of wide nodes with nodes of a binary tree at the least cost.
+
+    After Ylitie et al., "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs" (2017), section 3.2:
+    `cost[i, k]` is the least cost of covering binary node k with at most i + 1 slots. If that takes more than one slot,
+    `left[i, k]` of them go to the left child.
     """
 
     cost: NDArray[np.float64]  # (8, m)
@@ -62,7 +73,7 @@ class _Plan:
 
 def _levels(children: NDArray[np.int32]) -> list[NDArray[np.int32]]:
     """The inner nodes of each depth."""
-    levels = []
+    levels: list[NDArray[np.int32]] = []
     nodes = np.zeros(1, np.int32)
     while True:
         nodes = nodes[children[nodes, 0] >= 0]
@@ -106,7 +117,7 @@ def _open(tree: BinaryTree, plan: _Plan, nodes: NDArray[np.int32]) -> NDArray[np
     return slots
 
 
-def _collapse(
+def _wide_nodes(
     tree: BinaryTree, plan: _Plan
 ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.int32]], NDArray[np.int32]]:
     """Bounds and children of the wide nodes, level by level, and the binary node of each block."""

@@ -12,7 +12,7 @@ from pyrt import __version__
 from pyrt.errors import PyrtError, SceneError, UsageError
 
 if TYPE_CHECKING:
-    from pyrt.render import Result
+    from pyrt.renderer import Result
     from pyrt.scene import Scene
 
 _EXIT_CODES = """exit codes:
@@ -47,22 +47,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _render(args: argparse.Namespace) -> int:
-    from pyrt.image_io import check_output
     from pyrt.progress import show_progress
-    from pyrt.render import Renderer
+    from pyrt.renderer import Renderer
 
-    outputs = args.output or []
-    for path in outputs:
-        check_output(path)
+    _check_outputs(args.output or [], args.no_clobber)
     with show_progress("none" if args.quiet else args.progress) as progress:
         progress({"stage": "load", "done": 0.0})
         scene = _load(args)
-        outputs = outputs or [f"{scene.name}.exr", f"{scene.name}.png"]
+        outputs = args.output or [f"{scene.name}.exr", f"{scene.name}.png"]
         _check_outputs(outputs, args.no_clobber)
         renderer = Renderer(scene, args.device, progress=progress)
         result = renderer.render(args.spp, args.seed, args.size, progress=progress)
     for path in outputs:
-        result.save(path, exposure=args.exposure)
+        for warning in result.save(path, exposure=args.exposure):
+            print(f"warning: {warning}", file=sys.stderr)
     if args.stats:
         _write_stats(args.stats, result)
     if not args.quiet:
@@ -90,7 +88,9 @@ def _devices(args: argparse.Namespace) -> int:
     for device in list_devices():
         mark = "*" if device.index == default.index else " "
         size = f"{device.compute_units} compute units, {device.memory / 2**30:.1f} GiB"
-        print(f"{mark} {device.index}: {device.kind}  {device.name}\n      {device.platform}, {device.version}\n      {size}")
+        print(
+            f"{mark} {device.index}: {device.kind}  {device.name}\n      {device.platform}, {device.version}\n      {size}"
+        )
     return 0
 
 
@@ -135,8 +135,10 @@ def _summarise(result: Result, outputs: list[str]) -> None:
     stats, seconds = result.stats, result.stats["seconds"]
     height, width = result.samples.shape
     dropped = stats["dropped"]
-    for count, what in ((dropped["triangles"], "triangles without area or with bad coordinates"),
-                        (dropped["samples"], "samples that were not finite")):
+    for count, what in (
+        (dropped["triangles"], "triangles without area or with bad coordinates"),
+        (dropped["samples"], "samples that were not finite"),
+    ):
         if count:
             print(f"warning: {count} {what} were left out", file=sys.stderr)
     rate = stats["samples"] / max(seconds["render"], 1e-9) / 1e6
@@ -167,26 +169,42 @@ def _setting(text: str) -> tuple[str, Any]:
 def _parser() -> argparse.ArgumentParser:
     formatter = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
-        prog="pyrt", description="A ray tracer that Python drives and OpenCL runs.", epilog=_EXIT_CODES, formatter_class=formatter
+        prog="pyrt",
+        description="A ray tracer that Python drives and OpenCL runs.",
+        epilog=_EXIT_CODES,
+        formatter_class=formatter,
     )
     parser.add_argument("--version", action="version", version=f"pyrt {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
 
     on_scene = argparse.ArgumentParser(add_help=False)
     on_scene.add_argument("scene", metavar="SCENE", help="a scene file, or example:NAME")
-    on_scene.add_argument("--set", metavar="PATH=VALUE", type=_setting, action="append", help="replace a value of the scene")
+    on_scene.add_argument(
+        "--set", metavar="PATH=VALUE", type=_setting, action="append", help="replace a value of the scene"
+    )
 
     render = verbs.add_parser(
-        "render", parents=[on_scene], help="render a scene to a picture", epilog=_RENDER_EXAMPLES + _EXIT_CODES,
+        "render",
+        parents=[on_scene],
+        help="render a scene to a picture",
+        epilog=_RENDER_EXAMPLES + _EXIT_CODES,
         formatter_class=formatter,
     )
-    render.add_argument("-o", "--output", metavar="FILE", action="append", help="picture to write, format by extension; "
-                        "may be repeated (default: SCENE.exr and SCENE.png in the current folder)")
+    render.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        action="append",
+        help="picture to write, format by extension; "
+        "may be repeated (default: SCENE.exr and SCENE.png in the current folder)",
+    )
     render.add_argument("--spp", type=int, metavar="N", help="samples per pixel (default: the scene's)")
     render.add_argument("--size", type=_size, metavar="WxH", help="picture size in pixels (default: the scene's)")
     render.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the sample points (default: 0)")
     render.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
-    render.add_argument("--device", metavar="NAME", help="index or part of the name of an OpenCL device (see: pyrt devices)")
+    render.add_argument(
+        "--device", metavar="NAME", help="index or part of the name of an OpenCL device (see: pyrt devices)"
+    )
     render.add_argument("--no-clobber", action="store_true", help="refuse to replace a file")
     render.add_argument("--stats", metavar="FILE", help="write times and counts as JSON; - for standard output")
     render.add_argument("--progress", choices=("auto", "bar", "json", "none"), default="auto")

@@ -55,7 +55,7 @@ def list_devices() -> list[DeviceInfo]:
         import pyopencl as cl
     except (ImportError, OSError) as error:
         raise DeviceError(f"OpenCL cannot be loaded ({error}); run: pip install 'pyopencl[pocl]'") from error
-    devices = []
+    devices: list[DeviceInfo] = []
     try:
         platforms = cl.get_platforms()
     except cl.Error as error:

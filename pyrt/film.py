@@ -43,7 +43,7 @@ class Film:
                 self._add_finite(block, where)
 
     def _add_finite(self, block: NDArray[np.float32], where: slice) -> None:
-        finite = np.isfinite(block).all(axis=1)
+        finite: NDArray[np.bool_] = np.asarray(np.isfinite(block).all(axis=1))
         _accumulate(np.where(finite[:, None], block, 0.0), self.total[:, where], self.squares[:, where])
         self.count[where] += finite.sum(axis=0, dtype=np.uint32)
         self.dropped += int((~finite).sum())

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.scene import Mesh, Rectangle, Scene, Sphere
+from pyrt.scene import Mesh, Rectangle, Scene, Shape, Sphere
 
 COORDINATE_LIMIT = 1e30  # beyond it, squares and scales leave float32's range
 _ULP = 2.0**-24  # half the spacing of float32 in [1, 2)
@@ -52,9 +52,7 @@ def gather_triangles(scene: Scene) -> Triangles:
     corners, shapes, sources = [np.empty((0, 3, 3))], [np.empty(0, np.int32)], [np.empty(0, np.int32)]
     dropped = 0
     for index, shape in enumerate(scene.shapes):
-        if isinstance(shape, Sphere):
-            continue
-        c = shape.vertices[shape.triangles] if isinstance(shape, Mesh) else _rectangle_triangles(shape)
+        c = _shape_triangles(shape)
         keep = np.flatnonzero(valid_triangles(c))
         dropped += len(c) - len(keep)
         if isinstance(shape, Mesh) and shape.radiance is not None:
@@ -65,8 +63,11 @@ def gather_triangles(scene: Scene) -> Triangles:
     return Triangles(np.concatenate(corners), np.concatenate(shapes), np.concatenate(sources), dropped)
 
 
-def _rectangle_triangles(rectangle: Rectangle) -> NDArray[np.float64]:
-    return rectangle_corners(rectangle)[[[0, 1, 2], [0, 2, 3]]]
+def _shape_triangles(shape: Shape) -> NDArray[np.float64]:
+    """Corners as an (m, 3, 3) array; none for a sphere."""
+    if isinstance(shape, Mesh):
+        return np.asarray(shape.vertices[shape.triangles])
+    return rectangle_corners(shape)[[[0, 1, 2], [0, 2, 3]]] if isinstance(shape, Rectangle) else np.empty((0, 3, 3))
 
 
 def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -77,11 +78,12 @@ def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
 def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(m,) bool for (m, 3, 3) corners: finite, within the limit, and neither a line nor a point."""
     flat = corners.reshape(len(corners), 9)
-    valid: NDArray[np.bool_] = (np.abs(flat) < COORDINATE_LIMIT).all(axis=1)  # NaN compares false
+    valid = np.asarray((np.abs(flat) < COORDINATE_LIMIT).all(axis=1))  # NaN compares false
     safe = np.where(valid[:, None, None], corners, 0.0)
     e1, e2 = safe[:, 1] - safe[:, 0], safe[:, 2] - safe[:, 0]
     area = np.linalg.norm(np.cross(e1, e2), axis=1)
-    return valid & (area > _DEGENERATE * np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1))
+    longest = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
+    return np.asarray(valid & (area > _DEGENERATE * longest))
 
 
 def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normalisation:

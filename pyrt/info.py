@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pyrt.features import feature_table
 from pyrt.pack import pack_scene
-from pyrt.render import PASS_SAMPLES
+from pyrt.renderer import PASS_SAMPLES
 from pyrt.scene import Scene
 
 _BYTES_PER_SAMPLE = 12  # radiance of one pass, in float32

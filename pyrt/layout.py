@@ -39,7 +39,9 @@ def dtypes() -> dict[str, np.dtype]:
     structs: dict[str, np.dtype] = {}
     for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", _header(), re.DOTALL):
         members = re.findall(r"(\w+) (\w+)((?:\[\w+\])*);", body)
-        structs[name] = np.dtype([(field, structs.get(kind) or _SCALARS[kind], _shape(dims)) for kind, field, dims in members])
+        structs[name] = np.dtype(
+            [(field, structs.get(kind) or _SCALARS[kind], _shape(dims)) for kind, field, dims in members]
+        )
     return structs
 
 

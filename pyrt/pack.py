@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.features import feature_table, used_textures
-from pyrt.geometry import Normalisation, Triangles, gather_triangles, normalisation, rounding_offset, sphere_offset, unit
+from pyrt.geometry import (
+    Normalisation,
+    Triangles,
+    gather_triangles,
+    normalisation,
+    rounding_offset,
+    sphere_offset,
+    unit,
+)
 from pyrt.layout import constants, dtypes
 from pyrt.pack_lights import pack_lights
 from pyrt.scene import (
@@ -174,7 +182,9 @@ def _shape_corners(shape: Shape, triangles: Triangles, mine: NDArray[np.intp]) -
     return out
 
 
-def _pack_spheres(scene: Scene, spheres: list[Sphere], light_of_shape: NDArray[np.int32], space: Normalisation) -> NDArray[Any]:
+def _pack_spheres(
+    scene: Scene, spheres: list[Sphere], light_of_shape: NDArray[np.int32], space: Normalisation
+) -> NDArray[Any]:
     indices = [i for i, s in enumerate(scene.shapes) if isinstance(s, Sphere)]
     out = np.zeros(len(spheres), dtypes()["Sphere"])
     if not spheres:
@@ -193,7 +203,11 @@ def _pack_materials(scene: Scene) -> NDArray[Any]:
     out = np.zeros(len(scene.materials), dtypes()["Material"])
     for row, material in zip(out, scene.materials, strict=True):
         if isinstance(material, Diffuse):
-            row["kind"], row["texture"], row["twosided"] = kinds["MATERIAL_DIFFUSE"], material.texture, material.twosided
+            row["kind"], row["texture"], row["twosided"] = (
+                kinds["MATERIAL_DIFFUSE"],
+                material.texture,
+                material.twosided,
+            )
         elif isinstance(material, Refraction):
             row["kind"], row["eta"] = kinds["MATERIAL_REFRACTION"], material.eta
         elif isinstance(material, Dielectric):

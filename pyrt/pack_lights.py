@@ -62,7 +62,9 @@ def _rectangle_light(shape: Rectangle, mine: NDArray[np.intp], space: Normalisat
     return row
 
 
-def _mesh_light(mine: NDArray[np.intp], corners: NDArray[np.float64], first: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+def _mesh_light(
+    mine: NDArray[np.intp], corners: NDArray[np.float64], first: int
+) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     row = _light_row("LIGHT_MESH", int(mine[0]), len(mine))
     row["cdf"] = first
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

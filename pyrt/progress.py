@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
 
-from pyrt.render import Progress
+from pyrt.renderer import Progress
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """Binary trees by the binned surface area heuristic (SAH).
 
-After Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007): a set of n primitives costs its surface
-area times ceil(n / 8), because the device tests blocks of 8 at once. Whole chunks of nodes are split at a time, each node
-at the best of the planes between bins on three axes. Nodes with many primitives judge planes by a sample of them.
+After Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007): n primitives cost the surface area of
+their box times ceil(n / 8), because the device tests blocks of 8 at once. Whole chunks of nodes are split at a time, each
+node at the best of the planes between bins on three axes. Large nodes judge their planes by a sample of the primitives.
 
 A box is six numbers, -low and high: so the union of boxes is one maximum, and their extent one sum.
 """
@@ -22,7 +22,7 @@ BLOCK_SIZE = 8
 SIZE_CLASSES = (BLOCK_SIZE, 32, 4096)  # nodes of up to 8 primitives, of up to 32 ... are split apart from larger ones
 BINS = (8, 16, 32, 32)  # of each class
 SAMPLE_SIZE = 1024  # primitives that suffice to judge a node's planes
-OUTLIER = np.float32(1 / 32)
+OUTLIER = np.float32(1 / 32)  # primitives that stick out of the sample's box by this much of its extent join the sample
 CHUNK_NODES = 1024  # nodes split at once: few enough for their bins to stay in the cache
 SMALL_GAIN = 0.8  # a node that fits a block is split if its parts have less than this much of its area
 BALANCE = np.float32(1e-5)  # weight of the difference in count, to decide between planes of equal cost
@@ -39,7 +39,7 @@ class BinaryTree:
 
 
 @dataclass(frozen=True)
-class Chunk:
+class _Chunk:
     """Nodes of one size class. Each owns the next `count` primitives of the chunk."""
 
     boxes: Floats  # (6, primitives): -low, high
@@ -50,7 +50,7 @@ class Chunk:
 
 
 @dataclass(frozen=True)
-class Planes:
+class _Planes:
     """One plane for each node: primitives in bins above `last` lie on its right."""
 
     axis: Ints
@@ -71,8 +71,8 @@ def split(low: Floats, high: Floats, max_depth: int) -> BinaryTree:
     leaf = np.zeros(n, np.int32)
     zero = np.zeros(1, np.int64)
     boxes = np.concatenate([-low.T, high.T]).astype(np.float32, copy=False)
-    waiting: list[list[Chunk]] = [[] for _ in BINS]
-    waiting[np.searchsorted(SIZE_CLASSES, n)].append(Chunk(boxes, np.arange(n, dtype=np.int32), zero, zero + n, zero))
+    waiting: list[list[_Chunk]] = [[] for _ in BINS]
+    waiting[np.searchsorted(SIZE_CLASSES, n)].append(_Chunk(boxes, np.arange(n, dtype=np.int32), zero, zero + n, zero))
     seen: list[tuple[Ints, Ints, Floats]] = []
     parents: list[Ints] = []
     total = 1
@@ -109,23 +109,24 @@ def _starts(count: Ints) -> Ints:
     return np.cumsum(count) - count
 
 
-def _regroup(chunks: list[Chunk]) -> list[Chunk]:
+def _regroup(chunks: list[_Chunk]) -> list[_Chunk]:
     """The same nodes in chunks of CHUNK_NODES."""
     boxes = np.concatenate([chunk.boxes for chunk in chunks], axis=1)
-    ids, node, count, depth = (
-        np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("ids", "node", "count", "depth")
-    )
+    ids = np.concatenate([chunk.ids for chunk in chunks])
+    node = np.concatenate([chunk.node for chunk in chunks])
+    count = np.concatenate([chunk.count for chunk in chunks])
+    depth = np.concatenate([chunk.depth for chunk in chunks])
     ends = np.append(_starts(count), len(ids))
     pieces = []
     for first in range(0, len(node), CHUNK_NODES):
         part = slice(first, first + CHUNK_NODES)
         own = slice(ends[first], ends[min(first + CHUNK_NODES, len(node))])
-        pieces.append(Chunk(boxes[:, own], ids[own], node[part], count[part], depth[part]))
+        pieces.append(_Chunk(boxes[:, own], ids[own], node[part], count[part], depth[part]))
     return pieces
 
 
-def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[tuple[int, Chunk]]:
-    """The children of the `inner` nodes, by size class; numbered from `first`, all the left ones before the right ones."""
+def _children(chunk: _Chunk, right: Bools, inner: Bools, first: int) -> list[tuple[int, _Chunk]]:
+    """The children of the `inner` nodes, by size class. Numbers begin at `first`: all left children, then all right ones."""
     on_right = np.add.reduceat(right, _starts(chunk.count), dtype=np.int64)
     count = np.stack([chunk.count - on_right, on_right])
     node = np.zeros_like(count)
@@ -138,12 +139,12 @@ def _children(chunk: Chunk, right: Bools, inner: Bools, first: int) -> list[tupl
             in_left, in_right = np.repeat(mask, chunk.count, axis=1)
             index = np.concatenate([np.flatnonzero(in_left & ~right), np.flatnonzero(in_right & right)])
             depth = np.broadcast_to(chunk.depth + 1, mask.shape)[mask]
-            child = Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], node[mask], count[mask], depth)
+            child = _Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], node[mask], count[mask], depth)
             chunks.append((k, child))
     return chunks
 
 
-def _sides(chunk: Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools]:
+def _sides(chunk: _Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools]:
     """Whether each primitive goes to the right, and whether each node is split at all."""
     planes = _best_planes(*_sample(chunk), BINS[size_class])
     n = len(chunk.ids)
@@ -156,14 +157,15 @@ def _sides(chunk: Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools]
     larger = np.maximum(on_right, chunk.count - on_right)
     room = (BLOCK_SIZE << max_depth) >> (chunk.depth + 1)
     bad = (larger == chunk.count) | (larger > room)
-    small = chunk.count <= BLOCK_SIZE
-    if (bad & ~small).any():
-        _split_at_medians(chunk, bad & ~small, right)
-    return right, ~small | (planes.gain & ~bad & (chunk.depth < max_depth))
+    if size_class == 0:
+        return right, planes.gain & ~bad & (chunk.depth < max_depth)
+    if bad.any():
+        _split_at_medians(chunk, bad, right)
+    return right, np.ones_like(bad)
 
 
-def _sample(chunk: Chunk) -> tuple[Chunk, Ints | None]:
-    """Some of each node's primitives, all those that stick out of their box by OUTLIER of its extent, and the weights."""
+def _sample(chunk: _Chunk) -> tuple[_Chunk, Ints | None]:
+    """Every so many primitives of each node and all its outliers, and how many primitives each of them stands for."""
     stride = int(chunk.count.min()) // SAMPLE_SIZE
     if stride <= 1:
         return chunk, None
@@ -177,10 +179,10 @@ def _sample(chunk: Chunk) -> tuple[Chunk, Ints | None]:
     index = np.flatnonzero(chosen)
     count = np.add.reduceat(chosen, start, dtype=np.int64)
     weight = np.where(index % stride == 0, stride, 1)
-    return Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], chunk.node, count, chunk.depth), weight
+    return _Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], chunk.node, count, chunk.depth), weight
 
 
-def _split_at_medians(chunk: Chunk, nodes: Bools, right: Bools) -> None:
+def _split_at_medians(chunk: _Chunk, nodes: Bools, right: Bools) -> None:
     """Overwrites `right` for `nodes`: halves by position on the widest axis; where positions are equal, by index."""
     index = np.flatnonzero(np.repeat(nodes, chunk.count))
     count = chunk.count[nodes]
@@ -202,7 +204,7 @@ def _bins(position: Floats, count: Ints, low: Floats, extent: Floats, bins: int)
     return np.clip(scaled, 0, bins - 1, out=scaled).astype(np.int64)
 
 
-def _best_planes(chunk: Chunk, weight: Ints | None, bins: int) -> Planes:
+def _best_planes(chunk: _Chunk, weight: Ints | None, bins: int) -> _Planes:
     m = len(chunk.node)
     start = _starts(chunk.count)
     position = chunk.boxes[3:] - chunk.boxes[:3]
@@ -222,7 +224,7 @@ def _best_planes(chunk: Chunk, weight: Ints | None, bins: int) -> Planes:
     best = cost.argmin(axis=0)
     axis, last = np.divmod(best, bins - 1)
     each = np.arange(m)
-    return Planes(axis, low[axis, each], extent[axis, each], last, cost[best, each] < SMALL_GAIN * area)
+    return _Planes(axis, low[axis, each], extent[axis, each], last, cost[best, each] < SMALL_GAIN * area)
 
 
 def _sweep(left: Floats, count: Floats) -> tuple[Floats, Floats]:
@@ -249,9 +251,11 @@ def _area(boxes: Floats, unit: Floats) -> Floats:
     extent = boxes[:, :3] + boxes[:, 3:]
     extent /= unit
     x, y, z = extent[:, 0], extent[:, 1], extent[:, 2]
-    return x * y + z * (x + y)
+    area: Floats = x * y + z * (x + y)
+    return area
 
 
 def _blocks(count: Floats) -> Floats:
-    """At least 1, so that a side of nothing costs infinity."""
-    return np.maximum(np.ceil(count * np.float32(1 / BLOCK_SIZE)), 1)
+    """Blocks for `count` primitives; at least 1, so that a side of nothing costs infinity."""
+    blocks: Floats = np.maximum(np.ceil(count * np.float32(1 / BLOCK_SIZE)), 1)
+    return blocks

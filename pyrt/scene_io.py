@@ -113,12 +113,10 @@ def _open(source: Source, base_dir: str | os.PathLike[str] | None) -> tuple[dict
     if isinstance(source, Mapping):
         try:
             return plain(source), _Loading("scene", Path(base_dir or ".")), "scene"
-        except RecursionError:
-            raise SceneError("scene: arrays or objects are nested too deeply") from None
         except SceneError as error:
             raise SceneError(f"scene: {error}") from None
     if not isinstance(source, (str, os.PathLike)):
-        raise UsageError(f"scene: expected a file name or a dict, got a {type(source).__name__}")
+        raise UsageError(f"scene: expected a file name or a dict, got {type(source).__name__}")
     place = os.fspath(source)
     path = example_path(place.removeprefix(_EXAMPLE)) if place.startswith(_EXAMPLE) else Path(place)
     return read_json(path), _Loading(place, Path(base_dir or path.parent)), path.stem

@@ -52,19 +52,24 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 def plain(value: Any) -> Any:
     """A deep copy made of what JSON knows: of mappings, sequences, paths and numpy's arrays and scalars.
 
-    Raises:
-        SceneError: something else, or an unprintable key.
-        RecursionError: a structure that contains itself.
+    Raises SceneError for anything else, for unprintable keys, and for a structure that contains itself.
     """
+    try:
+        return _plain(value)
+    except RecursionError:
+        raise SceneError("arrays or objects are nested too deeply") from None
+
+
+def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
         for key in value:
             if not (isinstance(key, str) and key.isprintable()):
                 raise SceneError(f"expected a printable string as key, got {key!a}")
-        return {key: plain(entry) for key, entry in value.items()}
+        return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [_plain(entry) for entry in value]
     if value is None or isinstance(value, (str, int, float)):
         return value
     if isinstance(value, os.PathLike):

@@ -113,7 +113,7 @@ class RayTracer:
         occluded = self._device.allocate(count)
         self._run("trace_any", batch, occluded)
         with self._device.mapped(occluded, (count,), np.uint8) as array:
-            return array != 0
+            return np.asarray(array != 0)
 
     def _run(self, kernel: str, batch: NDArray[np.float32], *outputs: Any) -> None:
         count = batch.shape[1]
@@ -189,4 +189,4 @@ def _corners(vertices: ArrayLike, triangles: ArrayLike) -> NDArray[np.float64]:
         raise UsageError(f"triangles: expected an integer array of shape (m, 3), got {t.dtype} {t.shape}")
     if len(t) and not (0 <= t.min() and t.max() < len(v)):
         raise UsageError(f"triangles: expected indices from 0 to {len(v) - 1}, got {t.min()} to {t.max()}")
-    return v[t]
+    return np.asarray(v[t])

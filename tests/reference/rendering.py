@@ -39,16 +39,19 @@ def replicates(scene: Scene, spp: int, size: tuple[int, int], seeds: int = SEEDS
 def assert_renders(
     scene: Scene, truth: Array | Estimate, spp: int = 64, bias: float | None = None, rounding: float = ROUNDING
 ) -> None:
-    """Fail unless the renders' mean is the truth (height, width, 3) in every pixel.
+    """Fail unless the renders' mean is the truth (height, width, 3) in every pixel, and on average.
 
     The noise is what the replicates show of it, and the largest score has a chance of 1e-3 (Student, Bonferroni).
+    An estimated truth must rest on about as many rays as the renders, or it misses what is small in a pixel.
     `bias` bounds the relative error of the whole image's mean, and the renders must be precise enough to find it.
     """
-    known = truth.mean if isinstance(truth, Estimate) else truth
-    images = replicates(scene, spp, (known.shape[1], known.shape[0]))
-    assert_agrees(gaussian(z_scores(replicate(images), truth, rounding), SEEDS - 1))
+    known = truth if isinstance(truth, Estimate) else Estimate(truth, np.zeros_like(truth))
+    images = replicates(scene, spp, (known.mean.shape[1], known.mean.shape[0]))
+    whole = Estimate(known.mean.mean((0, 1)), known.variance.sum((0, 1)) / images[0, ..., 0].size ** 2)
+    for samples, expected in ((images, known), (images.mean((1, 2)), whole)):
+        assert_agrees(gaussian(z_scores(replicate(samples), expected, rounding), SEEDS - 1))
     if bias is not None:
-        assert (known > 0).all()
-        error = replicate((images / known - 1).mean((1, 2, 3)))
+        assert (known.mean > 0).all()
+        error = replicate((images / known.mean - 1).mean((1, 2, 3)))
         assert np.sqrt(error.variance) < bias / 2
         assert abs(error.mean) < bias

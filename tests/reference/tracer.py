@@ -154,7 +154,8 @@ def _specular(world: World, rays: Rays, hits: Hits) -> Rays:
         if isinstance(material, Diffuse):
             continue
         struck = np.flatnonzero(world.material[hits.shape] == index)
-        ray, normal = rays[struck], hits.shading[struck]
+        ray = rays[struck]
+        normal = _specular_normals(ray.direction, hits.normal[struck], hits.shading[struck])
         entering = material.eta if isinstance(material, Refraction) else material.ext_ior / material.int_ior
         eta = np.where(dot(ray.direction, hits.normal[struck]) < 0, entering, 1 / entering)
         bent = replace(ray, origin=hits.point[struck], direction=unit(refract(ray.direction, normal, eta)))
@@ -168,6 +169,13 @@ def _specular(world: World, rays: Rays, hits: Hits) -> Rays:
     rows.append(rays[:0])
     joined = Rays(*(np.concatenate([getattr(row, name) for row in rows]) for name in Rays.__dataclass_fields__))
     return joined[joined.weight > NEGLIGIBLE]
+
+
+def _specular_normals(directions: Array, normals: Array, shading: Array) -> Array:
+    """The shading normals, on the geometric normals' side; but the geometric ones where those face away from the ray."""
+    shading = shading * np.sign(dot(shading, normals))[:, None]
+    usable = dot(directions, shading) * dot(directions, normals) > 0
+    return np.where(usable[:, None], shading, normals)
 
 
 # Light ----------------------------------------------------------------------------------------------------------------

@@ -43,11 +43,11 @@ class Result:
     samples: NDArray[np.uint32]
     stats: dict[str, Any] = field(default_factory=dict)
 
-    def save(self, path: str | Path, *, exposure: float = 0.0) -> None:
-        """Writes the picture; the format follows from the extension (see `image_io.write_image`)."""
+    def save(self, path: str | Path, *, exposure: float = 0.0) -> tuple[str, ...]:
+        """Writes the picture; the format follows from the extension. Returns warnings (see `image_io.write_image`)."""
         from pyrt.image_io import write_image
 
-        write_image(path, self.image, exposure=exposure)
+        return write_image(path, self.image, exposure=exposure)
 
 
 class Renderer:
@@ -124,7 +124,14 @@ class Renderer:
             params["seed"] = seed
             start = perf_counter()
             self._device.run(
-                self._kernel, _items(params), params.tobytes(), scene_params, *self._buffers, pixel_buffer, planes, counts
+                self._kernel,
+                _items(params),
+                params.tobytes(),
+                scene_params,
+                *self._buffers,
+                pixel_buffer,
+                planes,
+                counts,
             )
             tally.render_seconds += perf_counter() - start
             start = perf_counter()
@@ -195,7 +202,7 @@ def _tiled_pixels(width: int, height: int) -> NDArray[np.uint32]:
     y, x = np.mgrid[0:height, 0:width].astype(np.uint32)
     tile = (y // _TILE) * np.uint32(-(-width // _TILE)) + x // _TILE
     order = np.argsort(tile.ravel(), kind="stable")
-    return ((y << np.uint32(16)) | x).ravel()[order]
+    return np.asarray(((y << np.uint32(16)) | x).ravel()[order])
 
 
 def _passes(pixels: int, spp: int, pass_samples: int) -> list[NDArray[Any]]:
