@@ -20,18 +20,19 @@ INLINE float3 bsdf_diffuse(const Scene *scene, const global Material *material, 
     return texture_color(scene, material->texture, si->uv) * INV_PI;
 }
 
-/* Snell's law at an interface with eta = sin(theta_t) / sin(theta_i). d: unit, towards the surface; n: unit, on d's side.
- * Returns cos^2(theta_t), negative on total internal reflection. The form (1 - eta^2) + eta^2 cos^2 keeps its digits at
- * grazing angles and for eta near 1. */
+/* Snell's law at an interface with eta = sin(theta_t) / sin(theta_i): cos^2(theta_t) = (eta cos_i)^2 - (eta^2 - 1), negative
+ * on total internal reflection. Near the critical angle the two cancel: fma gives what their products were rounded by. */
 INLINE float cos2_transmitted(float eta, float cos_i)
 {
-    return fma1(eta * eta, cos_i * cos_i, (1.0f - eta) * (1.0f + eta));
+    float p = eta * cos_i, p_error = fma1(eta, cos_i, -p);
+    float p2 = p * p, p2_error = fma1(p, p, -p2);
+    float eta2 = eta * eta, eta2_error = fma1(eta, eta, -eta2);
+    return (p2 - (eta2 - 1.0f)) + fma1(2.0f * p, p_error, p2_error - eta2_error);
 }
 
+/* d: unit, towards the surface; n: unit, on d's side. */
 INLINE float3 refract(float3 d, float3 n, float eta, float cos_i, float cos_t)
 {
-    if (eta == 1.0f)
-        return d; /* bit-equal */
     return normalize3(madd3(n, eta * cos_i - cos_t, eta * d));
 }
 
@@ -59,6 +60,10 @@ typedef struct {
 
 INLINE Specular bsdf_specular(const global Material *material, const Surface *si, float3 d)
 {
+    if (material->eta == 1.0f) { /* no interface: the direction stays, bit for bit */
+        Specular straight = {d, d, 0.0f, 1.0f};
+        return straight;
+    }
     d = normalize3(d);
     float eta = si->front ? material->eta : 1.0f / material->eta;
     float cos_i = min1(abs1(dot3(d, si->n)), 1.0f);

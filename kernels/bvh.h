@@ -108,14 +108,22 @@ INLINE int stack_push_any(Stack *stack, const global BvhNode *node, uint mask)
     return first;
 }
 
-/* The closest hit, or with `any` some hit, with 0 < t < t_max. `any` is a constant at every call. */
-INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
+/* Starts a query: no hit yet. False for a direction without length and for what is not finite: such a ray misses. */
+INLINE bool ray_prepare(const Ray *ray, Shear *shear, Hit *hit)
 {
     hit->t = ray->t_max;
     hit->id = -1;
-    Shear shear = shear_from(ray->o, ray->d);
-    if (!(abs1(shear.sz) <= 0x1p100f) || !(abs1(shear.ox) + abs1(shear.oy) + abs1(shear.oz) < INFINITY))
-        return false; /* a direction without length, or not a number */
+    *shear = shear_from(ray->o, ray->d);
+    float sum = abs1(shear->ox) + abs1(shear->oy) + abs1(shear->oz) + abs1(shear->sx) + abs1(shear->sy);
+    return shear->sz != 0.0f && abs1(shear->sz) <= 0x1p100f && sum < INFINITY;
+}
+
+/* The closest hit, or with `any` some hit, with 0 < t < t_max. `any` is a constant at every call. */
+INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
+{
+    Shear shear;
+    if (!ray_prepare(ray, &shear, hit))
+        return false;
     SlabRay slabs = slab_ray_from(scene, ray, &shear);
     Stack stack;
     stack.top = 0;

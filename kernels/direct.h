@@ -10,33 +10,54 @@
 typedef struct {
     uint specular; /* rays traced on from specular surfaces */
     uint shadow;   /* shadow rays traced */
-    uint skipped;  /* shadow rays saved: the unoccluded light was exactly zero */
+    uint dark;     /* shadow rays saved: the unoccluded light was exactly zero */
+    uint clear;    /* shadow rays saved: nothing stands between the beam and the light */
 } Counters;
 
+/* As bvh_hit, for a ray of the bundle that the candidates were gathered for; none (0): traverse. */
+INLINE bool candidates_hit(const Scene *scene, const global Candidates *candidates, const Ray *ray, bool any, Hit *hit)
+{
+    if (!HAS_BEAMS || !candidates || candidates->count < 0)
+        return bvh_hit(scene, ray, any, hit);
+    Shear shear;
+    if (!ray_prepare(ray, &shear, hit) || candidates->count == 0)
+        return false;
+    return triangle_block_hit(&candidates->block, &shear, ray, any, hit);
+}
+
 /* The segment between the two points, open at both ends, is free of everything but the light itself. */
-INLINE bool light_is_visible(const Scene *scene, const Surface *si, const LightSample *s)
+INLINE bool light_is_visible(const Scene *scene, const Surface *si, const LightSample *s,
+                             const global Candidates *shaft)
 {
     float3 o = spawn_point(si, si->ng);
     Ray ray = ray_make(o, s->q - o, 1.0f, si->id);
     ray.light_first = s->first;
     ray.light_count = s->count;
     Hit hit;
-    return !bvh_hit(scene, &ray, true, &hit);
+    return !candidates_hit(scene, shaft, &ray, true, &hit);
 }
 
-/* Irradiance at the surface from all lights, one shadow ray per light that can contribute. */
-INLINE float3 direct_irradiance(const Scene *scene, const Surface *si, Sampler sampler, Counters *counters)
+/* Irradiance at the surface from all lights, one shadow ray per light that can contribute and may be hidden. `shafts`: by
+ * light, for the beam that found the surface, or 0. */
+INLINE float3 direct_irradiance(const Scene *scene, const Surface *si, Sampler sampler, const global Candidates *shafts,
+                                Counters *counters)
 {
     float3 sum = (float3)(0.0f);
     for (int i = 0; i < scene->params->light_count; ++i) {
         const global Light *light = &scene->lights[i];
         LightSample s = light_sample(scene, light, si, sampler, 1u + 2u * (uint)i);
         if (!(max3(s.irradiance) > 0.0f)) {
-            ++counters->skipped;
+            ++counters->dark;
+            continue;
+        }
+        const global Candidates *shaft = shafts ? shafts + i : 0;
+        if (HAS_BEAMS && shaft && shaft->count == 0) {
+            ++counters->clear;
+            sum += s.irradiance;
             continue;
         }
         ++counters->shadow;
-        if (light_is_visible(scene, si, &s))
+        if (light_is_visible(scene, si, &s, shaft))
             sum += s.irradiance;
     }
     return sum;
@@ -81,9 +102,12 @@ INLINE Path path_continue(const Path *path, const global Material *material, con
     return reflect ? path_leave(path, si, s.reflected, 1.0f) : path_leave(path, si, s.refracted, s.transmission);
 }
 
-/* Radiance that arrives along a ray. A miss is black, and so is a path of more than max_depth specular events. */
-INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sampler, Counters *counters)
+/* Radiance that arrives along a camera ray. A miss is black, and so is a path of more than max_depth specular events.
+ * `beam`: the candidates of the ray's beam, followed by those of its shafts. */
+INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sampler, const global Candidates *beam,
+                              Counters *counters)
 {
+    bool has_shafts = scene->params->light_count <= SHAFT_LIGHTS;
     float3 radiance = (float3)(0.0f);
     Path pending[SPLIT_PATHS];
     int count = 0;
@@ -91,7 +115,8 @@ INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sa
     for (;;) {
         Ray ray = ray_make(path.o, path.d, INFINITY, path.self);
         Hit hit;
-        if (bvh_hit(scene, &ray, false, &hit)) {
+        bool first = path.depth == 0;
+        if (candidates_hit(scene, first ? beam : 0, &ray, false, &hit)) {
             Surface si = surface_at(scene, &ray, &hit);
 
             /* An emitter shows its front, whatever the path came through. */
@@ -109,7 +134,7 @@ INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sa
             } else if (si.material >= 0) {
                 float3 f = bsdf_diffuse(scene, material, &si);
                 if (max3(f) > 0.0f)
-                    radiance += path.throughput * f * direct_irradiance(scene, &si, sampler, counters);
+                    radiance += path.throughput * f * direct_irradiance(scene, &si, sampler, first && has_shafts ? beam + 1 : 0, counters);
             }
         }
         if (!HAS_DIELECTRIC || count == 0)

@@ -76,6 +76,7 @@ INLINE int lowest_bit(uint mask) { return 31 - (int)clz(mask & (0u - mask)); }
 
 #endif
 
+INLINE float8 abs8(float8 a) { return as_float8(as_int8(a) & 0x7fffffff); }
 INLINE float8 min8(float8 a, float8 b) { return a < b ? a : b; }
 INLINE float8 max8(float8 a, float8 b) { return a > b ? a : b; }
 

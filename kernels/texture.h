@@ -11,6 +11,12 @@ INLINE float wrap_unit(float x)
     return f < 1.0f ? max1(f, 0.0f) : 0.0f; /* -1e-9 rounds to 1: the seam */
 }
 
+/* Of a whole number, exactly; false for what is not finite. */
+INLINE bool is_odd(float n)
+{
+    return n - 2.0f * floor1(0.5f * n) == 1.0f;
+}
+
 INLINE float3 texel(const Scene *scene, const global Texture *texture, int x, int y)
 {
     return load3(scene->texels + 3u * (size_t)(texture->texels + (uint)y * (uint)texture->width + (uint)x));
@@ -41,9 +47,7 @@ INLINE float3 texture_color(const Scene *scene, int index, float2 uv)
     float t = fma1(texture->scale_t, uv.y, texture->delta[1]);
     if (HAS_IMAGES && texture->kind == TEXTURE_IMAGE)
         return image_lookup(scene, texture, s, t);
-    bool odd_s = wrap_unit(s) >= 0.5f; /* the parity of floor1(2 s) */
-    bool odd_t = wrap_unit(t) >= 0.5f;
-    return load3(odd_s == odd_t ? texture->color0 : texture->color1);
+    return load3(is_odd(floor1(2.0f * s)) == is_odd(floor1(2.0f * t)) ? texture->color0 : texture->color1);
 }
 
 #endif

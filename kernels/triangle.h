@@ -2,9 +2,11 @@
  *
  * Woop, Benthin, Wald: Watertight Ray/Triangle Intersection, JCGT 2013. The axes are permuted so that z is the direction's
  * largest component; a shear then maps the ray onto the z axis. An edge's function is a 2D cross product of its two sheared
- * corners: both neighbours of a shared edge compute the same two products and compare them, so a ray cannot pass between.
- * Zero counts as inside. The shear of a corner uses the same instructions whichever triangle it belongs to.
- * t is a convex combination of the corners' depths: a false far hit cannot occur. Only det = 0 is rejected.
+ * corners, and both neighbours of a shared edge find the same sign, so a ray cannot pass between: the shear of a corner uses
+ * the same instructions whichever triangle it belongs to. Zero counts as inside. The products are not rounded before they are
+ * subtracted, or else a ray in the plane of a triangle, where all three functions nearly vanish, would hit it from anywhere.
+ * t is a convex combination of the corners' depths: a false far hit cannot occur. It is taken relative to the first corner's,
+ * so that the barycentrics' rounding counts by the triangle's depth and not by its distance. Only det = 0 is rejected.
  */
 #ifndef PYRT_TRIANGLE_H
 #define PYRT_TRIANGLE_H
@@ -39,6 +41,14 @@ INLINE Shear shear_from(float3 o, float3 d)
     return s;
 }
 
+/* px qy - py qx within 1.5 ulp, and so of the right sign (Jeannerod, Louvet, Muller: Further Analysis of Kahan's Algorithm
+ * for the Accurate Computation of 2x2 Determinants, 2013). */
+INLINE float8 cross8(float8 px, float8 py, float8 qx, float8 qy)
+{
+    float8 product = py * qx;
+    return fma8(px, qy, -product) + fma8(-py, qx, product);
+}
+
 /* Tests one block; with `any`, returns at the first hit. Updates *hit and returns whether it changed. */
 INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s, const Ray *ray, bool any, Hit *hit)
 {
@@ -53,17 +63,16 @@ INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s
     float8 cx = fma8(sx, cz, load8(block->vertex[2][s->kx]) - s->ox);
     float8 cy = fma8(sy, cz, load8(block->vertex[2][s->ky]) - s->oy);
 
-    float8 u = cx * by - cy * bx;
-    float8 v = ax * cy - ay * cx;
-    float8 w = bx * ay - by * ax;
-    float8 det = u + v + w;
-    int8 inside = ((u >= 0.0f) & (v >= 0.0f) & (w >= 0.0f)) | ((u <= 0.0f) & (v <= 0.0f) & (w <= 0.0f));
-    uint mask = mask8(inside & (det != 0.0f));
+    float8 u = cross8(cx, cy, bx, by);
+    float8 v = cross8(ax, ay, cx, cy);
+    float8 w = cross8(bx, by, ax, ay);
+    float8 low = min8(u, min8(v, w)), high = max8(u, max8(v, w));
+    uint mask = mask8((low >= 0.0f) ^ (high <= 0.0f)); /* both: all are zero */
     if (mask == 0u)
         return false;
 
-    float8 inv_det = 1.0f / det;
-    float8 t = (fma8(u, az, fma8(v, bz, w * cz)) * s->sz) * inv_det;
+    float8 inv_det = 1.0f / (u + v + w);
+    float8 t = fma8(fma8(v, bz - az, w * (cz - az)), inv_det, az) * s->sz;
     mask &= mask8((t > 0.0f) & (t <= hit->t));
     bool changed = false;
     for (; mask != 0u; mask &= mask - 1u) {

@@ -34,6 +34,17 @@ typedef struct {
     int id[BVH_WIDTH];       /* primitive, or -1 */
 } SphereBlock;
 
+/* What a bundle of rays may hit: at most one block of triangles, copied together; or `count` < 0: unknown, so traverse.
+ * A beam is the camera rays of BEAM_PIXELS consecutive pixels of a pass, a shaft their shadow rays towards one light. */
+#define BEAM_PIXELS 16
+#define SHAFT_LIGHTS 8 /* scenes of more lights than this trace all shadow rays */
+
+typedef struct {
+    TriangleBlock block;
+    int count;
+    int unused[7];
+} Candidates;
+
 /* Primitive ids: triangles first, in the order of the scene's shapes, then spheres. */
 
 typedef struct {

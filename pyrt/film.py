@@ -1,69 +1,129 @@
-"""The stratified average: sums of samples in float64, in sample order, whatever the passes were."""
+"""The stratified average: sums in float64, with the same bits whatever parts the samples came in.
+
+A floating-point sum depends on its order, so the order is fixed: the samples of a pixel are the leaves of a binary
+tree, and a node, the samples index·2^level … (index + 1)·2^level − 1, is the sum of its two halves. A film holds the
+largest nodes that its samples complete. Every split into passes leads to the same nodes, and so do films of separate
+sample ranges that are merged later. This takes no more additions than a running sum, and its error grows only with the
+logarithm of the number of samples.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK = 8192  # pixels summed at a time, so that the sums stay in cache
+_BLOCK = 16384  # pixels summed at a time, or samples of fewer pixels, so that the sums stay in cache
+
+Sums = NDArray[np.float64]  # (2, 3, pixels): of x and of x²
+Nodes = dict[tuple[int, int], Sums]  # by (level, index)
 
 
 @dataclass
 class Film:
-    """Running sums for a list of pixels. Planes are (3, pixels).
+    """Sums over the samples of a list of pixels. Samples that are not finite are left out and counted."""
 
-    Each pixel's samples are added one after another in float64, so the result does not depend on how many passes they
-    came in. Samples that are not finite are left out and counted.
-    """
-
-    total: NDArray[np.float64]
-    squares: NDArray[np.float64]
-    count: NDArray[np.uint32]  # (pixels,)
+    count: NDArray[np.uint32]  # (pixels,), samples in the sums
+    strips: dict[int, Nodes] = field(default_factory=dict)  # by the first pixel that the nodes are of
     dropped: int = 0
 
     @classmethod
     def empty(cls, pixels: int) -> Film:
-        return cls(np.zeros((3, pixels)), np.zeros((3, pixels)), np.zeros(pixels, np.uint32))
+        return cls(np.zeros(pixels, np.uint32))
 
-    def add(self, planes: NDArray[np.float32], first: int) -> None:
-        """Adds a pass: planes is (samples, 3, pixels of the pass), the pass starting at pixel `first` of the list."""
+    def add(self, planes: NDArray[np.float32], first_pixel: int, first_sample: int) -> None:
+        """Adds a pass: planes is (samples, 3, pixels of the pass), for the pixels from `first_pixel` of the list on.
+
+        A pixel's samples may come in any ranges, but in the same strips of pixels each time.
+        """
         samples, _, pixels = planes.shape
-        for start in range(0, pixels, _BLOCK):
-            block = planes[:, :, start : start + _BLOCK]
-            where = slice(first + start, first + start + block.shape[2])
-            total, squares = self.total[:, where], self.squares[:, where]
-            before = total.copy(), squares.copy()
-            _accumulate(block, total, squares)
-            if np.isfinite(squares).all():
-                self.count[where] += np.uint32(samples)
-            else:
-                total[...], squares[...] = before
-                self._add_finite(block, where)
+        nodes = self.strips.setdefault(first_pixel, {})
+        self.count[first_pixel : first_pixel + pixels] += np.uint32(samples)
+        scratch = np.empty((samples.bit_length(), 2, 3, min(pixels, _BLOCK)))
+        for start, level in _aligned_ranges(first_sample, samples):
+            run = planes[start - first_sample :][: 1 << level]
+            sums = np.empty((2, 3, pixels))
+            for pixel in range(0, pixels, _BLOCK):
+                part = slice(pixel, pixel + _BLOCK)
+                self._add_block(run[..., part], first_pixel + pixel, sums[..., part], scratch)
+            _insert(nodes, level, start >> level, sums)
 
-    def _add_finite(self, block: NDArray[np.float32], where: slice) -> None:
-        finite: NDArray[np.bool_] = np.asarray(np.isfinite(block).all(axis=1))
-        _accumulate(np.where(finite[:, None], block, 0.0), self.total[:, where], self.squares[:, where])
-        self.count[where] += finite.sum(axis=0, dtype=np.uint32)
-        self.dropped += int((~finite).sum())
+    def _add_block(self, run: NDArray[np.float32], first_pixel: int, sums: Sums, scratch: NDArray[np.float64]) -> None:
+        _tree_sums(run, sums, scratch[..., : run.shape[2]])
+        if np.isfinite(sums).all():
+            return
+        finite: NDArray[np.bool_] = np.isfinite(run).all(axis=1)
+        lost = (~finite).sum(axis=0, dtype=np.uint32)
+        self.count[first_pixel : first_pixel + len(lost)] -= lost
+        self.dropped += int(lost.sum())
+        _tree_sums(np.where(finite[:, None], run, np.float32(0)), sums, scratch[..., : run.shape[2]])
+
+    def merge(self, other: Film) -> Film:
+        """The film of both films' samples: the same pixels, and sample ranges that do not overlap."""
+        nodes: Nodes = {}
+        for film in (self, other):
+            for (level, index), sums in film._joined().items():
+                _insert(nodes, level, index, sums)
+        return Film(self.count + other.count, {0: nodes}, self.dropped + other.dropped)
+
+    def _joined(self) -> Nodes:
+        strips = [self.strips[first] for first in sorted(self.strips)]
+        return {key: np.concatenate([nodes[key] for nodes in strips], axis=2) for key in (strips[0] if strips else ())}
+
+    def _totals(self) -> Sums:
+        """Sums of all samples: the nodes from the first sample on."""
+        nodes = self._joined()
+        total = np.zeros((2, 3, len(self.count)))
+        for key in sorted(nodes, key=lambda key: key[1] << key[0]):
+            total += nodes[key]
+        return total
 
     def mean(self) -> NDArray[np.float64]:
         """(3, pixels): the average of each pixel's samples; 0 where there are none."""
-        return self.total / np.maximum(self.count, 1)
+        mean: NDArray[np.float64] = self._totals()[0] / np.maximum(self.count, 1)
+        return mean
 
     def variance(self) -> NDArray[np.float64]:
         """(3, pixels): estimated variance of the mean as if the samples were independent. Stratification makes the true
         variance smaller, so this is an upper estimate. 0 with fewer than two samples."""
+        total, squares = self._totals()
         n = np.maximum(self.count, 2).astype(np.float64)
-        spread = np.maximum(self.squares - self.total * self.total / n, 0.0)
+        spread = np.maximum(squares - total * total / n, 0.0)
         return np.where(self.count > 1, spread / (n * (n - 1)), 0.0)
 
 
-def _accumulate(block: NDArray[np.float32], total: NDArray[np.float64], squares: NDArray[np.float64]) -> None:
-    sample = np.empty(total.shape)
-    for plane in block:
-        sample[...] = plane
-        total += sample
-        np.multiply(sample, sample, out=sample)
-        squares += sample
+def _aligned_ranges(first: int, count: int) -> Iterator[tuple[int, int]]:
+    """The fewest (start, level) that make up the range; `start` is a multiple of the size 2^level."""
+    end = first + count
+    while first < end:
+        level = (end - first).bit_length() - 1
+        while first & ((1 << level) - 1):
+            level -= 1
+        yield first, level
+        first += 1 << level
+
+
+def _tree_sums(run: NDArray[np.float32], sums: Sums, scratch: NDArray[np.float64]) -> None:
+    """Stores the node of 2^k samples (2^k, 3, pixels); scratch is (k or more, 2, 3, pixels)."""
+    half = len(run) // 2
+    if half and run.size > 3 * _BLOCK:
+        _tree_sums(run[:half], sums, scratch[1:])
+        _tree_sums(run[half:], scratch[0], scratch[1:])
+        sums += scratch[0]
+        return
+    work = sums[:, None] if half == 0 else np.empty((2, *run.shape))
+    work[0] = run
+    np.multiply(work[0], work[0], out=work[1])
+    for step in (1 << k for k in range(half.bit_length())):
+        work[:, :: 2 * step] += work[:, step :: 2 * step]
+    if half:
+        sums[...] = work[:, 0]
+
+
+def _insert(nodes: Nodes, level: int, index: int, sums: Sums) -> None:
+    while (sibling := nodes.pop((level, index ^ 1), None)) is not None:
+        sums = sums + sibling  # which of the two is the left one makes no difference to a sum of two
+        level, index = level + 1, index >> 1
+    nodes[level, index] = sums

@@ -80,7 +80,9 @@ def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     flat = corners.reshape(len(corners), 9)
     valid = np.asarray((np.abs(flat) < COORDINATE_LIMIT).all(axis=1))  # NaN compares false
     safe = np.where(valid[:, None, None], corners, 0.0)
-    e1, e2 = safe[:, 1] - safe[:, 0], safe[:, 2] - safe[:, 0]
+    edges = safe[:, 1:] - safe[:, :1]
+    size = np.abs(edges).max(axis=(1, 2), initial=0.0)  # divided out, so that no tiny triangle's area is 0
+    e1, e2 = (edges / np.where(size > 0.0, size, 1.0)[:, None, None]).transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(e1, e2), axis=1)
     longest = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
     return np.asarray(valid & (area > _DEGENERATE * longest))
@@ -89,8 +91,8 @@ def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normalisation:
     """Centre and scale for the given (n, 3) points and spheres.
 
-    The centre is rounded to a coarse grid of the extent, so that moving a scene by a multiple of that grid moves the
-    centre by exactly as much.
+    The centre is rounded to a grid of 2^−20 extents, halves upwards, so that moving a scene by a multiple of that grid
+    moves the centre by exactly as much.
     """
     low = [points.min(axis=0)] if len(points) else []
     high = [points.max(axis=0)] if len(points) else []
@@ -101,8 +103,8 @@ def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normali
         return Normalisation(np.zeros(3), 1.0)
     lo, hi = np.min(low, axis=0), np.max(high, axis=0)
     half = max(float((hi - lo).max()) / 2, np.finfo(np.float64).tiny * 2.0**64)
-    grid = 2.0 ** (np.frexp(half)[1] - 8)
-    center = np.round((lo + hi) / (2 * grid)) * grid
+    grid = 2.0 ** (np.frexp(half)[1] - 20)
+    center = np.floor((lo + hi) / (2 * grid) + 0.5) * grid
     extent = max(float(np.abs(np.stack([lo, hi]) - center).max()), half)
     return Normalisation(center, 2.0 ** -float(np.frexp(extent)[1]))
 

@@ -15,12 +15,12 @@ from pyrt.device import LOCAL_SIZE, Device
 from pyrt.errors import UsageError
 from pyrt.features import build_options, feature_table
 from pyrt.film import Film
-from pyrt.layout import dtypes
+from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
 from pyrt.scene import Scene
 
 PASS_SAMPLES = 1 << 21  # samples of one pass, by default: 24 MiB of radiance
-_TILE = 8  # pixels along a side; neighbouring work-items trace neighbouring rays
+_TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 
 Progress = Callable[[dict[str, Any]], Any]
@@ -57,6 +57,7 @@ class Renderer:
         scene: what to render.
         device: index or part of the name of an OpenCL device; None chooses.
         all_features: compile every feature in, needed or not (the image is the same).
+        beams: look ahead what the rays of neighbouring pixels can hit (the image is the same).
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Renderer:
         device: str | int | None = None,
         *,
         all_features: bool = False,
+        beams: bool = True,
         build_flags: tuple[str, ...] = (),
         progress: Progress | None = None,
     ):
@@ -79,11 +81,12 @@ class Renderer:
         self._progress({"stage": "compile", "done": 0.0})
         start = perf_counter()
         self._device = Device(device)
-        options = [*build_options(self._features, everything=all_features), *build_flags]
-        self._kernel = self._device.build("render.cl", options)["render"]
+        self._beams = beams
+        options = [*build_options(self._features, everything=all_features), f"-DHAS_BEAMS={int(beams)}", *build_flags]
+        self._kernels = self._device.build("render.cl", options)
         self._seconds["compile"] = perf_counter() - start
         start = perf_counter()
-        self._buffers = [self._device.upload(name, array) for name, array in self._packed.arrays.items()]
+        self._buffers = {name: self._device.upload(name, array) for name, array in self._packed.arrays.items()}
         self._seconds["upload"] = perf_counter() - start
 
     def render(
@@ -119,20 +122,12 @@ class Renderer:
         pixel_buffer = self._device.upload("pixels", pixels)
         passes = _passes(len(pixels), spp, pass_samples)
         planes = self._device.allocate(4 * max(3 * p["sample_count"] * p["stride"] for p in passes))
-        counts = self._device.allocate(12 * max(_groups(p) for p in passes))
+        counts = self._device.allocate(16 * max(_groups(p) for p in passes))
+        beams = self._device.allocate(max(_beams(p) for p in passes) * self._beam_bytes())
         for params in passes:
             params["seed"] = seed
             start = perf_counter()
-            self._device.run(
-                self._kernel,
-                _items(params),
-                params.tobytes(),
-                scene_params,
-                *self._buffers,
-                pixel_buffer,
-                planes,
-                counts,
-            )
+            self._trace(params, scene_params, pixel_buffer, beams, planes, counts)
             tally.render_seconds += perf_counter() - start
             start = perf_counter()
             self._reduce(params, planes, counts, film, tally)
@@ -140,11 +135,25 @@ class Renderer:
             progress({"stage": "render", "done": tally.samples / (len(pixels) * spp), "samples": tally.samples})
         return self._result(film, pixels, width, height, tally)
 
+    def _trace(self, params: NDArray[Any], scene_params: Any, pixels: Any, beams: Any, planes: Any, counts: Any) -> None:
+        head = (params.tobytes(), scene_params)
+        if self._beams:
+            arrays = [self._buffers[name] for name in ("nodes", "triangle_blocks", "triangles", "lights")]
+            self._device.run(self._kernels["trace_beams"], _beams(params), *head, *arrays, pixels, beams)
+        self._device.run(
+            self._kernels["render"], _items(params), *head, *self._buffers.values(), pixels, beams, planes, counts
+        )
+
+    def _beam_bytes(self) -> int:
+        lights = int(self._packed.params["light_count"])
+        return dtypes()["Candidates"].itemsize * (1 + lights * (lights <= constants()["SHAFT_LIGHTS"]))
+
     def _reduce(self, params: NDArray[Any], planes: Any, counts: Any, film: Film, tally: _Tally) -> None:
         shape = (int(params["sample_count"]), 3, int(params["stride"]))
         with self._device.mapped(planes, shape, np.float32) as array:
-            film.add(array[:, :, : int(params["pixel_count"])], int(params["first_pixel"]))
-        with self._device.mapped(counts, (_groups(params), 3), np.uint32) as array:
+            pixels = int(params["pixel_count"])
+            film.add(array[:, :, :pixels], int(params["first_pixel"]), int(params["first_sample"]))
+        with self._device.mapped(counts, (_groups(params), 4), np.uint32) as array:
             tally.counts += array.sum(axis=0, dtype=np.int64)
         tally.samples += _items(params)
 
@@ -160,12 +169,12 @@ class Renderer:
             out[pixels >> 16, pixels & 0xFFFF] = planes.T
             return out
 
-        specular, shadow, skipped = (int(n) for n in tally.counts)
+        specular, shadow, dark, clear = (int(n) for n in tally.counts)
         stats = {
             "seconds": {**self._seconds, "render": tally.render_seconds, "reduce": tally.reduce_seconds},
             "samples": tally.samples,
             "rays": {"camera": tally.samples, "specular": specular, "shadow": shadow},
-            "skipped": {"shadow_rays": skipped},
+            "skipped": {"shadow_rays_to_dark_lights": dark, "shadow_rays_in_clear_shafts": clear},
             "dropped": {"samples": film.dropped, "triangles": self._packed.report["dropped_triangles"]},
             "scene": self._packed.report,
             "device": str(self._device.info),
@@ -182,7 +191,7 @@ class _Tally:
     samples: int = 0
     render_seconds: float = 0.0
     reduce_seconds: float = 0.0
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(4, np.int64))
 
 
 def _check_arguments(spp: int, seed: int, width: int, height: int, pass_samples: int) -> None:
@@ -223,6 +232,10 @@ def _passes(pixels: int, spp: int, pass_samples: int) -> list[NDArray[Any]]:
 
 def _items(params: NDArray[Any]) -> int:
     return int(params["pixel_count"]) * int(params["sample_count"])
+
+
+def _beams(params: NDArray[Any]) -> int:
+    return -(-int(params["pixel_count"]) // constants()["BEAM_PIXELS"])
 
 
 def _groups(params: NDArray[Any]) -> int:

@@ -1,8 +1,8 @@
 """Binary trees by the binned surface area heuristic (SAH).
 
-After Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007): n primitives cost the surface area of
-their box times ceil(n / 8), because the device tests blocks of 8 at once. Whole chunks of nodes are split at a time, each
-node at the best of the planes between bins on three axes. Large nodes judge their planes by a sample of the primitives.
+After Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007): n primitives cost the surface area
+of their box times ceil(n / 8), because the device tests blocks of 8 at once. Whole chunks of nodes are split at a time,
+each node at the best of the planes between bins on three axes. Large nodes judge their planes by a sample.
 
 A box is six numbers, -low and high: so the union of boxes is one maximum, and their extent one sum.
 """
@@ -126,7 +126,7 @@ def _regroup(chunks: list[_Chunk]) -> list[_Chunk]:
 
 
 def _children(chunk: _Chunk, right: Bools, inner: Bools, first: int) -> list[tuple[int, _Chunk]]:
-    """The children of the `inner` nodes, by size class. Numbers begin at `first`: all left children, then all right ones."""
+    """The children of the `inner` nodes, by size class. Numbers begin at `first`: the left children, then the right."""
     on_right = np.add.reduceat(right, _starts(chunk.count), dtype=np.int64)
     count = np.stack([chunk.count - on_right, on_right])
     node = np.zeros_like(count)
@@ -146,7 +146,7 @@ def _children(chunk: _Chunk, right: Bools, inner: Bools, first: int) -> list[tup
 
 def _sides(chunk: _Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools]:
     """Whether each primitive goes to the right, and whether each node is split at all."""
-    planes = _best_planes(*_sample(chunk), BINS[size_class])
+    planes = _best_planes(_sample(chunk), BINS[size_class])
     n = len(chunk.ids)
     index = np.repeat(planes.axis * n, chunk.count) + np.arange(n)
     values = chunk.boxes.ravel()
@@ -164,11 +164,11 @@ def _sides(chunk: _Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools
     return right, np.ones_like(bad)
 
 
-def _sample(chunk: _Chunk) -> tuple[_Chunk, Ints | None]:
-    """Every so many primitives of each node and all its outliers, and how many primitives each of them stands for."""
+def _sample(chunk: _Chunk) -> _Chunk:
+    """The same nodes, each with every so many of its primitives and all the outliers."""
     stride = int(chunk.count.min()) // SAMPLE_SIZE
     if stride <= 1:
-        return chunk, None
+        return chunk
     start = _starts(chunk.count)
     chosen = np.zeros(len(chunk.ids), np.bool_)
     chosen[::stride] = True
@@ -178,8 +178,7 @@ def _sample(chunk: _Chunk) -> tuple[_Chunk, Ints | None]:
         chosen |= chunk.boxes[k] > np.repeat(limit[k], chunk.count)
     index = np.flatnonzero(chosen)
     count = np.add.reduceat(chosen, start, dtype=np.int64)
-    weight = np.where(index % stride == 0, stride, 1)
-    return _Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], chunk.node, count, chunk.depth), weight
+    return _Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], chunk.node, count, chunk.depth)
 
 
 def _split_at_medians(chunk: _Chunk, nodes: Bools, right: Bools) -> None:
@@ -204,7 +203,7 @@ def _bins(position: Floats, count: Ints, low: Floats, extent: Floats, bins: int)
     return np.clip(scaled, 0, bins - 1, out=scaled).astype(np.int64)
 
 
-def _best_planes(chunk: _Chunk, weight: Ints | None, bins: int) -> _Planes:
+def _best_planes(chunk: _Chunk, bins: int) -> _Planes:
     m = len(chunk.node)
     start = _starts(chunk.count)
     position = chunk.boxes[3:] - chunk.boxes[:3]
@@ -218,7 +217,7 @@ def _best_planes(chunk: _Chunk, weight: Ints | None, bins: int) -> _Planes:
         cell = _bins(position[axis], chunk.count, low[axis], extent[axis], bins) * m + node
         for k in range(6):
             np.maximum.at(boxes[axis, k], cell, chunk.boxes[k])
-        counts[axis] = np.bincount(cell, weight, bins * m)
+        counts[axis] = np.bincount(cell, minlength=bins * m)
     cost, area = _sweep(boxes.reshape(3, 6, bins, m), counts.reshape(3, bins, m))
     cost = cost.reshape(-1, m)
     best = cost.argmin(axis=0)

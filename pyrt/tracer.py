@@ -103,7 +103,8 @@ class RayTracer:
             found = array >= 0
             triangle = np.where(found, self._ids[array] if len(self._ids) else -1, -1)
         with self._device.mapped(tuv, (3, count), np.float32) as array:
-            t = np.ldexp(np.where(found, array[0] + advance, np.inf), -exponent)
+            with np.errstate(over="ignore"):
+                t = np.ldexp(np.where(found, array[0] + advance, np.inf), -exponent)
             uv = np.where(found, array[1:], 0.0).astype(np.float64)
         return triangle, t, uv
 
@@ -124,16 +125,18 @@ class RayTracer:
         """The kernel's (7, k) rays, and how t maps back: t = (t_kernel + advance) · 2^−exponent.
 
         Directions are scaled by a power of two to a largest component in [½, 1). Origins far outside are moved to the
-        scene's box in float64, so that float32 need not hold the distance.
+        scene's box in float64, so that float32 need not hold the distance; what overflows even so misses.
         """
-        o, d = self._space.apply(rays.origins), rays.directions * self._space.scale
-        exponent = np.frexp(np.abs(d).max(axis=1, initial=0.0))[1]
-        d = np.ldexp(d, -exponent[:, None])
-        advance = self._advance(o, d)
-        batch = np.empty((7, len(o)), np.float32)
-        batch[:3] = (o + advance[:, None] * d).T
-        batch[3:6] = d.T
-        batch[6] = np.clip(np.ldexp(rays.t_max, exponent) - advance, 0.0, None)
+        exponent = np.frexp(np.abs(rays.directions).max(axis=1, initial=0.0))[1]
+        d = np.ldexp(rays.directions, -exponent[:, None])
+        exponent += np.frexp(self._space.scale)[1] - 1
+        batch = np.empty((7, len(d)), np.float32)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            o = self._space.apply(rays.origins)
+            advance = self._advance(o, d)
+            batch[:3] = (o + advance[:, None] * d).T
+            batch[3:6] = d.T
+            batch[6] = np.clip(np.ldexp(rays.t_max, exponent) - advance, 0.0, None)
         return batch, exponent, advance
 
     def _advance(self, o: NDArray[np.float64], d: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,8 +144,7 @@ class RayTracer:
         out = np.zeros(len(o))
         far = np.flatnonzero((np.abs(o) > 4.0).any(axis=1))
         if len(far):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                entry = (np.copysign(-1.25 * np.maximum(self._bound, 0.5), d[far]) - o[far]) / d[far]
+            entry = -(np.copysign(1.25 * np.maximum(self._bound, 0.5), d[far]) + o[far]) / d[far]
             entry = np.where(d[far] == 0.0, -np.inf, entry).max(axis=1)
             out[far] = np.clip(entry, 0.0, np.abs(o[far]).max(axis=1) * 4.0)
         return out

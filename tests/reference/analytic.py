@@ -6,6 +6,7 @@ radiance that a diffuse surface of reflectance ρ sends back is ρ·E/π. Every 
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -154,14 +155,13 @@ def unoccluded(occluder: Array, apexes: Array, targets: Array) -> NDArray[np.boo
     """
     free = np.zeros(len(targets), bool)
     ends = np.concatenate([apexes, targets], 1)
-    for apex in np.moveaxis(apexes, 1, 0):
-        spokes = occluder - apex[:, None]
-        for a in range(len(occluder)):
-            for b in range(len(occluder)):
-                plane = np.cross(spokes[:, a], spokes[:, b])[:, None]
-                behind = dot(plane, spokes) <= 1e-12
-                before = dot(plane, ends - apex[:, None]) >= -1e-12
-                free |= behind.all(1) & before.all(1) & (plane != 0).any((1, 2))
+    for apex, a, b in itertools.product(range(apexes.shape[1]), range(len(occluder)), range(len(occluder))):
+        left = np.flatnonzero(~free)
+        spokes = occluder - apexes[left, apex, None]
+        plane = np.cross(spokes[:, a], spokes[:, b])[:, None]
+        behind = dot(plane, spokes) <= 1e-12
+        before = dot(plane, ends[left] - apexes[left, apex, None]) >= -1e-12
+        free[left] = behind.all(1) & before.all(1) & (plane != 0).any((1, 2))
     return free
 
 

@@ -70,7 +70,8 @@ def reference_image(
 ) -> Estimate:
     """Estimate of the (height, width, 3) image: RAYS random rays in each of subpixels² strata of every pixel.
 
-    Each ray takes light_subdivision² shadow rays to every light that is not exact. The variance is the strata's own.
+    Each ray takes light_subdivision² shadow rays to every light that is not exact. The variance is the strata's own,
+    and room for one ray's worth of what shows in the neighbouring pixels but has been missed in this one.
     """
     width, height = size
     rng = np.random.default_rng(seed)
@@ -80,7 +81,15 @@ def reference_image(
     corner = np.stack(np.meshgrid(np.arange(width), np.arange(height)), 2)
     origins, directions = camera_rays(scene.camera, size, (corner[:, :, None, None] + jitter).reshape(-1, 2))
     values = radiance(scene, origins, directions, light_subdivision, rng).reshape(height, width, strata, RAYS, 3)
-    return Estimate(values.mean((2, 3)), values.var(3, ddof=1).sum(2) / (RAYS * strata**2))
+    missed = _contrast(values.min((2, 3)), values.max((2, 3))) / (RAYS * strata)
+    return Estimate(values.mean((2, 3)), values.var(3, ddof=1).sum(2) / (RAYS * strata**2) + missed**2)
+
+
+def _contrast(low: Array, high: Array) -> Array:
+    """(height, width, 3) difference between the highest and the lowest value in each pixel's 3×3 neighbourhood."""
+    low, high = (np.pad(values, ((1, 1), (1, 1), (0, 0)), mode="edge") for values in (low, high))
+    low, high = (np.lib.stride_tricks.sliding_window_view(values, (3, 3), (0, 1)) for values in (low, high))
+    return np.asarray(high.max((-2, -1)) - low.min((-2, -1)))
 
 
 def camera_rays(camera: Camera, size: tuple[int, int], film: Array) -> tuple[Array, Array]:
@@ -172,7 +181,7 @@ def _specular(world: World, rays: Rays, hits: Hits) -> Rays:
 
 
 def _specular_normals(directions: Array, normals: Array, shading: Array) -> Array:
-    """The shading normals, on the geometric normals' side; but the geometric ones where those face away from the ray."""
+    """Shading normals, on the geometric normals' side; geometric ones where those face away from the ray."""
     shading = shading * np.sign(dot(shading, normals))[:, None]
     usable = dot(directions, shading) * dot(directions, normals) > 0
     return np.where(usable[:, None], shading, normals)

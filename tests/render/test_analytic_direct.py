@@ -159,17 +159,19 @@ def test_spherical_room_with_its_light_at_the_centre_is_evenly_lit(light, place)
 
 # Form factors ---------------------------------------------------------------------------------------------------------
 
-WALL_LAMP = replace(LAMP, center=(0.5, 0, 0.5), edge1=(0, 0, 1), edge2=(0, 1, 0))
-
 @pytest.mark.parametrize(
-    ("light", "expected", "precision"),
+    ("light", "expected"),
     [
-        (replace(LAMP, center=(0, 0, 1)), analytic.FORM_FACTOR_PARALLEL, 1e-4),
-        (WALL_LAMP, analytic.FORM_FACTOR_PERPENDICULAR, 1e-2),
+        pytest.param(replace(LAMP, center=(0, 0, 1)), analytic.FORM_FACTOR_PARALLEL, id="parallel"),
+        pytest.param(
+            replace(LAMP, center=(0.5, 0, 0.5), edge1=(0, 0, 1), edge2=(0, 1, 0)),
+            analytic.FORM_FACTOR_PERPENDICULAR,
+            id="perpendicular",
+            marks=pytest.mark.xfail(reason="sampled by area, a light that touches its receiver has infinite variance"),
+        ),
     ],
-    ids=["parallel", "perpendicular"],
 )
-def test_form_factor_of_unit_squares(light, expected, precision):
+def test_form_factor_of_unit_squares(light, expected):
     """The film shows exactly the receiving square, so the picture's mean is the form factor."""
     receiver = replace(FLOOR, edge1=(1, 0, 0), edge2=(0, 1, 0))
     camera = Camera((0, 0, 0.5), (0, 0, 0), (0, 1, 0), 90)
@@ -177,7 +179,7 @@ def test_form_factor_of_unit_squares(light, expected, precision):
     light = replace(light, radiance=(1.0, 1.0, 1.0))
     images = replicates(make_scene(receiver, light, camera=camera, textures=white), 64, (64, 64))
     mean = replicate(images.mean((1, 2, 3)))
-    assert abs(mean.mean - expected) < 3 * math.sqrt(mean.variance) < precision
+    assert abs(mean.mean - expected) < 3 * math.sqrt(mean.variance) < 1e-4
 
 
 # Penumbrae ------------------------------------------------------------------------------------------------------------

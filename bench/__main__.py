@@ -1,0 +1,81 @@
+"""The command line: `python -m bench [error|rays|build|start|numerics]`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bench import build, error, numerics, peers_embree, peers_mitsuba, rays, report, start
+from bench.report import Outcome
+from pyrt.device import choose_device
+from pyrt.errors import PyrtError
+
+PARTS = ("error", "rays", "build", "start", "numerics")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs parts of the benchmark, prints their tables and writes JSON and plots; returns the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    args = _parser().parse_args(arguments)
+    try:
+        old = json.loads(Path(args.against).read_text(encoding="utf-8")) if args.against else None
+        about = report.provenance(arguments, str(choose_device(args.device)), _peers())
+    except (PyrtError, OSError, ValueError) as problem:
+        print(f"bench: {problem}", file=sys.stderr)
+        return 1
+    out: Path = args.out
+    out.mkdir(parents=True, exist_ok=True)
+    outcomes: dict[str, Outcome] = {}
+    for part in [args.part] if args.part else PARTS:
+        outcomes[part] = _jobs(args, out)[part]()
+        for table in outcomes[part].tables:
+            print(report.markdown(table, about), flush=True)
+        report.write_json(out / f"{args.part or 'all'}.json", about, outcomes)
+    if old:
+        print(report.markdown(report.comparison(old, outcomes), about))
+    return 0
+
+
+def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome]]:
+    """The parts, with the options that each understands."""
+    settings = error.QUICK if args.quick else error.Settings()
+    given = {"size": args.size, "repeats": args.repeats, "reference_spp": args.reference_spp, "device": args.device,
+             "scenes": tuple(args.scene) if args.scene else None}
+    settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+    repeats = args.repeats or (3 if args.quick else 7)
+    return {
+        "error": lambda: error.run(settings, out),
+        "rays": lambda: rays.run(args.quick, repeats),
+        "build": lambda: build.run(args.quick, repeats),
+        "start": lambda: start.run(args.quick, repeats),
+        "numerics": lambda: numerics.run_bias(args.quick) if args.bias else numerics.run(args.quick),
+    }
+
+
+def _peers() -> dict[str, str]:
+    missing = "not installed: pip install '.[bench]'"
+    return {"mitsuba": peers_mitsuba.version() or missing, "embree": peers_embree.version() or missing}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m bench", description="Where pyrt stands, peers beside it.")
+    parser.add_argument("part", nargs="?", choices=PARTS, help="one part (default: all)")
+    parser.add_argument("--quick", action="store_true", help="small settings: all parts within two minutes")
+    parser.add_argument("--against", metavar="OLD.json", help="compare with an earlier run")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out", metavar="DIR")
+    parser.add_argument("--repeats", type=int, metavar="N", help="repetitions of each measurement")
+    parser.add_argument("--device", metavar="NAME", help="error: OpenCL device")
+    parser.add_argument("--scene", action="append", choices=tuple(error.ERROR_SCENES), metavar="NAME",
+                        help=f"error: only this one; may be repeated ({', '.join(error.ERROR_SCENES)})")
+    parser.add_argument("--size", type=int, metavar="N", help="error: pictures of N×N pixels")
+    parser.add_argument("--reference-spp", type=int, metavar="N", help="error: samples of the reference")
+    parser.add_argument("--bias", action="store_true", help="numerics: the bias floor of every scene instead of the suite")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""Time to make a mesh ready for rays."""
+
+from __future__ import annotations
+
+import statistics
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pyrt
+from bench import peers_embree, peers_mitsuba
+from bench.measure import interleaved, paired_ratio
+from bench.report import Outcome, Table, number
+from bench.scenes import bumpy_ball
+
+SIZES = (327_680, 1_000_000)
+QUICK_SIZES = (81_920,)
+TRACER, MITSUBA, EMBREE = "pyrt.RayTracer", "Mitsuba", "embreex"
+
+
+def run(quick: bool, repeats: int) -> Outcome:
+    """Seconds from numpy arrays to a tracer that can be asked."""
+    rows, figures, data = [], {}, {}
+    for triangles in QUICK_SIZES if quick else SIZES:
+        print(f"build: {triangles} triangles", file=sys.stderr)
+        seconds = interleaved(_jobs(triangles), repeats, lambda name, result: None)
+        label = f"{triangles:,} triangles"
+        data[label] = seconds
+        median = {name: statistics.median(times) for name, times in seconds.items()}
+        figures |= {f"{label}, {name} s": value for name, value in median.items()}
+        peers = [name for name in (EMBREE, MITSUBA) if name in seconds]
+        ratios = {name: 1 / paired_ratio(seconds[TRACER], seconds[name]) for name in peers}
+        figures |= {f"{label}, pyrt / {name}": ratio for name, ratio in ratios.items()}
+        rows.append((label, *(number(median.get(name)) for name in (TRACER, EMBREE, MITSUBA)),
+                     *(number(ratios.get(name)) for name in (EMBREE, MITSUBA))))
+    columns = ("seconds", TRACER, EMBREE, MITSUBA, "pyrt / embreex", "pyrt / Mitsuba")
+    notes = (f"From numpy arrays in memory to a tracer that can be asked; {repeats} interleaved repetitions, medians.",)
+    return Outcome((Table("Build", columns, tuple(rows), notes),), figures, data)
+
+
+def _jobs(triangles: int) -> dict[str, Callable[[int], Any]]:
+    mesh = bumpy_ball(triangles)
+    jobs: dict[str, Callable[[int], Any]] = {TRACER: lambda _: pyrt.RayTracer(*mesh)}
+    if peers_embree.version():
+        jobs[EMBREE] = lambda _: peers_embree.ray_scene(*mesh)
+    if peers_mitsuba.version():
+        jobs[MITSUBA] = lambda _: peers_mitsuba.ray_scene(*mesh)
+    return jobs

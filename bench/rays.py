@@ -1,0 +1,114 @@
+"""Ray rates: closest hit and any hit, coherent and incoherent, for a small and a large scene."""
+
+from __future__ import annotations
+
+import statistics
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyrt
+from bench import peers_embree, peers_mitsuba
+from bench.measure import interleaved, paired_ratio
+from bench.report import Outcome, Table, number
+from bench.scenes import shipped, soup
+from pyrt.scene import Camera
+
+SCENES = {"Cornell": "cornell", "mesh room": "mesh_room"}
+QUERIES = ("closest", "any")
+TILE = 8
+KERNEL, WHOLE, MITSUBA, EMBREE = "pyrt kernel", "pyrt whole", "Mitsuba", "embreex"
+
+Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def run(quick: bool, repeats: int) -> Outcome:
+    """Millions of rays per second of every tracer that is installed."""
+    side = 512 if quick else 1024
+    rows, figures, data = [], {}, {}
+    for label, name in SCENES.items():
+        print(f"rays: {label}", file=sys.stderr)
+        scene = shipped(name)
+        mesh = soup(scene)
+        for kind, rays in (("coherent", camera_rays(scene.camera, side)), ("incoherent", random_rays(mesh[0], side**2))):
+            seconds = _measure(mesh, rays, kind == "coherent", repeats)
+            for query in QUERIES:
+                of = {who: seconds[who, query] for who in (KERNEL, WHOLE, MITSUBA, EMBREE) if (who, query) in seconds}
+                row, key = _row(of, side**2), f"{label} ({len(mesh[1])} triangles), {kind} {query}"
+                data[key] = of
+                figures |= {f"{key}, {who} Mrays/s": row[who] for who in of}
+                if MITSUBA in of:
+                    figures[f"{key}, kernel / Mitsuba"] = paired_ratio(of[KERNEL], of[MITSUBA])
+                rows.append((key, *(number(row.get(who)) for who in (KERNEL, WHOLE, MITSUBA, EMBREE)),
+                             number(figures.get(f"{key}, kernel / Mitsuba"))))
+    notes = (
+        f"{side**2:,} rays, {repeats} interleaved repetitions, medians. Coherent: camera rays in {TILE}×{TILE} tiles; incoherent: "
+        "uniform origins in the room, uniform directions.",
+        "Kernel: rays and hits stay on the device, as Mitsuba's do. Whole: float64 numpy in and out, with the checks. "
+        "Embree through embreex traces one ray at a time on one core, with float32 numpy in and out.",
+    )
+    columns = ("Mrays/s", KERNEL, WHOLE, MITSUBA, EMBREE, "kernel / Mitsuba")
+    return Outcome((Table("Ray rates", columns, tuple(rows), notes),), figures, data)
+
+
+def _row(seconds: dict[str, list[float]], count: int) -> dict[str, float]:
+    return {who: count / statistics.median(times) / 1e6 for who, times in seconds.items()}
+
+
+def _measure(mesh: Any, rays: Rays, coherent: bool, repeats: int) -> dict[Any, list[float]]:
+    """Seconds by (tracer, query)."""
+    tracer = pyrt.RayTracer(*mesh)
+    jobs: dict[Any, Callable[[int], Any]] = _kernel_jobs(tracer, rays)
+    jobs[WHOLE, "closest"] = lambda _: tracer.closest(*rays)
+    jobs[WHOLE, "any"] = lambda _: tracer.occluded(*rays)
+    if peers_mitsuba.is_vectorised():
+        scene, beams = peers_mitsuba.ray_scene(*mesh), peers_mitsuba.rays(*rays)
+        jobs[MITSUBA, "closest"] = lambda _: peers_mitsuba.closest(scene, beams, coherent)
+        jobs[MITSUBA, "any"] = lambda _: peers_mitsuba.occluded(scene, beams, coherent)
+    if peers_embree.version():
+        embree = peers_embree.ray_scene(*mesh)
+        single = tuple(np.float32(array) for array in rays)
+        jobs[EMBREE, "closest"] = lambda _: peers_embree.closest(embree)(*single)
+        jobs[EMBREE, "any"] = lambda _: peers_embree.occluded(embree, *single)
+    return interleaved(jobs, repeats, lambda name, result: None)
+
+
+def _kernel_jobs(tracer: pyrt.RayTracer, rays: Rays) -> dict[Any, Callable[[int], Any]]:
+    """The tracer's kernels alone, on rays that lie on the device. No public interface leaves them there."""
+    from pyrt.tracer import _Rays
+
+    count = len(rays[0])
+    batch = tracer._normalised(_Rays.make(*rays, np.inf))[0]
+    device = tracer._device
+    uploaded, tuv, ids = device.upload("rays", batch), device.allocate(12 * count), device.allocate(4 * count)
+
+    def job(kernel: str, *outputs: Any) -> Callable[[int], Any]:
+        return lambda _: device.run(tracer._kernels[kernel], count, np.uint32(count), *tracer._scene, uploaded, *outputs)
+
+    return {(KERNEL, "closest"): job("trace_closest", tuv, ids), (KERNEL, "any"): job("trace_any", device.allocate(count))}
+
+
+def camera_rays(camera: Camera, side: int) -> Rays:
+    """(side², 3) origins and directions through the centres of a square film's pixels, tile by tile."""
+    y, x = np.mgrid[0:side, 0:side]
+    order = np.argsort(((y // TILE) * side + x // TILE).ravel(), kind="stable")
+    forward = np.subtract(camera.look_at, camera.position)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, camera.up)
+    right /= np.linalg.norm(right)
+    half = np.tan(np.radians(camera.fov) / 2)
+    u, v = ((2 * (axis.ravel()[order] + 0.5) / side - 1) * half for axis in (x, y))
+    directions = forward + u[:, None] * right - v[:, None] * np.cross(right, forward)
+    return np.tile(np.asarray(camera.position, float), (side**2, 1)), directions
+
+
+def random_rays(vertices: NDArray[np.float64], count: int) -> Rays:
+    """Origins uniform in the middle of the mesh's box, directions uniform on the sphere."""
+    random = np.random.default_rng(1)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    origins = random.uniform(low + 0.05 * (high - low), high - 0.05 * (high - low), (count, 3))
+    directions = random.normal(size=(count, 3))
+    return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)

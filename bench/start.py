@@ -1,0 +1,120 @@
+"""Whole processes: from pressing Enter to the picture on disk, with empty and with filled caches, and their memory."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from bench import peers_mitsuba
+from bench.measure import paired_ratio
+from bench.report import Outcome, Table, number
+from bench.scenes import FOLDER, MILLION, shipped
+from pyrt.scene import Scene
+
+ROOT = FOLDER.parent
+MITSUBA_SCRIPT = """
+import sys
+import mitsuba as mi
+
+mi.set_variant(sys.argv[1])
+image = mi.render(mi.load_file(sys.argv[2]), spp=int(sys.argv[3]))
+mi.util.write_bitmap(sys.argv[4] + ".exr", image)
+mi.util.write_bitmap(sys.argv[4] + ".png", image)
+"""
+
+
+@dataclass(frozen=True)
+class Work:
+    """A picture to make: the scene file with overrides, its size and samples."""
+
+    label: str
+    name: str
+    overrides: dict[str, Any]
+    side: int
+    spp: int
+
+    def scene(self) -> Scene:
+        return shipped(self.name, **self.overrides)
+
+
+CORNELL = Work("cornell.json, 512×512, 32 spp", "cornell", {}, 512, 32)
+LARGE = Work("mesh room of 1,310,720 triangles, 1024×1024, 1 spp", "mesh_room", MILLION, 1024, 1)
+
+
+def run(quick: bool, repeats: int) -> Outcome:
+    """Wall seconds and peak memory of `python -m pyrt render` and of a Mitsuba script that makes the same picture."""
+    rows, figures, data = [], {}, {}
+    for work in (CORNELL,) if quick else (CORNELL, LARGE):
+        times = 1 if quick else repeats if work is CORNELL else 2
+        for state, of in _measure(work, times).items():
+            data[f"{work.label}, {state}"] = of
+            ours, theirs = of["pyrt"], of.get("Mitsuba")
+            key = f"{work.label}, {state}"
+            figures[f"{key}, pyrt s"] = ours["median"]
+            figures[f"{key}, pyrt MiB"] = ours["MiB"]
+            ratio = None
+            if theirs:
+                ratio = figures[f"{key}, pyrt / Mitsuba"] = 1 / paired_ratio(ours["seconds"], theirs["seconds"])
+            rows.append((key, number(ours["median"]), number(theirs and theirs["median"]), number(ratio),
+                         number(ours["MiB"]), number(theirs and theirs["MiB"])))
+    columns = ("whole process", "pyrt s", "Mitsuba s", "pyrt / Mitsuba", "pyrt MiB", "Mitsuba MiB")
+    notes = ("Wall time from an interpreter that is not running yet to EXR and PNG on disk; cold: with empty caches of "
+             "compiled kernels, warm: with full ones. Peak resident memory.",)
+    return Outcome((Table("Start to finish", columns, tuple(rows), notes),), figures, data)
+
+
+def _measure(work: Work, repeats: int) -> dict[str, dict[str, Any]]:
+    """By cache state and renderer: seconds, their median, and peak MiB. Each pair of cold and warm runs shares a cache."""
+    found: dict[str, dict[str, Any]] = {}
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        commands = _commands(work, Path(folder))
+        for repetition in range(repeats):
+            for name, command in commands.items():
+                cache = Path(folder) / f"cache-{name}-{repetition}"
+                cache.mkdir()
+                for state in ("cold", "warm"):
+                    print(f"start: {work.label}, {name}, {state}", file=sys.stderr)
+                    seconds, memory = _timed(command, Path(folder), cache)
+                    entry = found.setdefault(state, {}).setdefault(name, {"seconds": [], "MiB": 0.0})
+                    entry["seconds"].append(seconds)
+                    entry["MiB"] = max(entry["MiB"], memory)
+    for renderers in found.values():
+        for entry in renderers.values():
+            entry["median"] = statistics.median(entry["seconds"])
+    return found
+
+
+def _commands(work: Work, folder: Path) -> dict[str, list[str]]:
+    settings = [f"--set={path}={value}" for path, value in work.overrides.items()]
+    size, spp = f"--size={work.side}x{work.side}", str(work.spp)
+    outputs = ["-o", str(folder / "ours.exr"), "-o", str(folder / "ours.png")]
+    scene_file = str(FOLDER / f"{work.name}.json")
+    commands = {"pyrt": [sys.executable, "-m", "pyrt", "render", scene_file, "-q", "--spp", spp, size, *settings, *outputs]}
+    if peers_mitsuba.version():
+        xml = peers_mitsuba.write_scene(work.scene(), (work.side, work.side), folder)
+        arguments = [peers_mitsuba.variant(), str(xml), spp, str(folder / "theirs")]
+        commands["Mitsuba"] = [sys.executable, "-c", MITSUBA_SCRIPT, *arguments]
+    return commands
+
+
+def _timed(command: list[str], folder: Path, cache: Path) -> tuple[float, float]:
+    """Wall seconds and peak MiB of a process whose caches are in `cache`: PoCL's, pyrt's, and (below HOME) Dr.Jit's."""
+    environment = {**os.environ, "POCL_CACHE_DIR": str(cache), "XDG_CACHE_HOME": str(cache), "HOME": str(cache),
+                   "PYTHONPATH": str(ROOT)}
+    start = perf_counter()
+    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert process.stderr
+    message = process.stderr.read().decode()
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = perf_counter() - start
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{' '.join(command[:4])} … failed: {message.strip()[-300:]}")
+    return seconds, usage.ru_maxrss / 1024

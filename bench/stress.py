@@ -1,0 +1,268 @@
+"""Rays and meshes that break tracers, and what may be said of a tracer that was given them.
+
+Vertices and rays are multiples of a power of two wherever peers would otherwise see others than pyrt does, for they
+take float32. Every measure is a count of failures unless its row says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.procedural import icosphere
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+Trace = Callable[[Array, Array], tuple[Array, NDArray[np.int32]]]  # rays -> t, inf for a miss, and triangle, −1
+MakeTrace = Callable[[Array, NDArray[np.int32]], Trace]
+
+ULPS4 = 4 * 2.0**-23  # relative
+LATTICE = 2.0**-23  # coordinates in [−1, 1] that every tracer represents exactly
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row: `measure` takes a tracer and how many rays to spend."""
+
+    name: str
+    measures: str
+    threshold: float
+    measure: Callable[[MakeTrace, int], float]
+
+
+def _float32(values: Any) -> Array:
+    """Rounded to float32, as float64."""
+    return np.asarray(np.asarray(values, np.float32), np.float64)
+
+
+def _ball() -> Mesh:
+    vertices, triangles = icosphere(4)
+    return _float32(vertices), triangles
+
+
+def _inside(random: np.random.Generator, count: int) -> Array:
+    return _float32(random.uniform(-0.4, 0.4, (count, 3)))
+
+
+def _misses(make: MakeTrace, mesh: Mesh, origins: Array, targets: Array) -> float:
+    return float((make(*mesh)(origins, targets - origins)[1] < 0).sum())
+
+
+def _edge_points(mesh: Mesh, fractions: Array, random: np.random.Generator) -> Array:
+    vertices, triangles = mesh
+    ends = vertices[triangles[random.integers(len(triangles), size=len(fractions)), :2]]
+    return np.asarray(ends[:, 0] + fractions[:, None] * (ends[:, 1] - ends[:, 0]))
+
+
+def _vertices(make: MakeTrace, count: int) -> float:
+    random, mesh = np.random.default_rng(1), _ball()
+    return _misses(make, mesh, _inside(random, count), mesh[0][random.integers(len(mesh[0]), size=count)])
+
+
+def _midpoints(make: MakeTrace, count: int) -> float:
+    random, mesh = np.random.default_rng(2), _ball()
+    return _misses(make, mesh, _inside(random, count), _edge_points(mesh, np.full(count, 0.5), random))
+
+
+def _edges(make: MakeTrace, count: int) -> float:
+    random, mesh = np.random.default_rng(3), _ball()
+    return _misses(make, mesh, _inside(random, count), _edge_points(mesh, random.random(count), random))
+
+
+def _moved(make: MakeTrace, count: int) -> float:
+    """Misses of vertex rays in a ball of radius 1 at six places up to 1e12."""
+    places = [(148376.0, 1234.0, -223423.0), *((d, -d, d) for d in (1e4, 1e6, 1e8, 1e10, 1e12))]
+    return _placed(make, count, [(np.array(place), 1.0) for place in places])
+
+
+def _scaled(make: MakeTrace, count: int) -> float:
+    return _placed(make, count, [(np.zeros(3), 10.0**j) for j in range(-6, 7)])
+
+
+def _placed(make: MakeTrace, count: int, placements: list[tuple[Array, float]]) -> float:
+    random, (vertices, triangles) = np.random.default_rng(4), _ball()
+    share, total = count // len(placements), 0.0
+    for place, scale in placements:
+        moved = vertices * scale + place
+        targets = moved[random.integers(len(moved), size=share)]
+        total += _misses(make, (moved, triangles), _inside(random, share) * scale + place, targets)
+    return total
+
+
+def _powers_of_two(make: MakeTrace, count: int) -> float:
+    """Hits that are not the same bits when mesh and origins are multiplied by 2^k."""
+    random, (vertices, triangles) = np.random.default_rng(5), _ball()
+    count //= 6
+    origins, directions = _inside(random, count), _float32(random.normal(size=(count, 3)))
+    t, triangle = make(vertices, triangles)(origins, directions)
+    total = 0
+    for k in (-60, -40, -20, 20, 40, 60):
+        scaled_t, scaled = make(vertices * 2.0**k, triangles)(origins * 2.0**k, directions)
+        total += int(((np.asarray(scaled_t, float) * 2.0**-k != t) | (scaled != triangle)).sum())
+    return float(total)
+
+
+def _grid(make: MakeTrace, count: int) -> float:
+    """Misses of axis-parallel rays on the inner lines and nodes of a 64×64 grid, six directions, ±0 elsewhere."""
+    random, side = np.random.default_rng(6), 64
+    i, j = np.divmod(np.arange((side + 1) ** 2), side + 1)
+    plane = np.stack([i, j], 1) / side
+    a = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    triangles = np.concatenate([np.stack([a, a + side + 1, a + side + 2], 1), np.stack([a, a + side + 2, a + 1], 1)])
+    total, count = 0.0, count // 24
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        vertices = np.zeros((len(plane), 3))
+        vertices[:, others] = plane
+        points = np.zeros((count, 3))
+        points[:, others] = random.integers(1, side, (count, 2)) / side
+        points[: count // 2, others[0]] = random.integers(1, 1 << 20, count // 2) / (1 << 20)
+        trace = make(vertices, triangles.astype(np.int32))
+        for sign in (-1.0, 1.0):
+            for zeros in ((0.0, 0.0), (-0.0, 0.0), (0.0, -0.0), (-0.0, -0.0)):
+                direction = np.insert(np.array(zeros), axis, sign)
+                origins = points.copy()
+                origins[:, axis] = -sign
+                total += float((trace(origins, np.tile(direction, (count, 1)))[1] < 0).sum())
+    return total
+
+
+def _odd_directions(make: MakeTrace, count: int) -> float:
+    """Hits that differ from float64 brute force, for zero, denormal and tiny components and lengths 1e-30 … 1e30."""
+    random, (vertices, triangles) = np.random.default_rng(7), icosphere(2)
+    vertices, count = _float32(vertices), min(count, 60_000)
+    odd = np.array([0.0, -0.0, 1e-40, 1e-38, 1e-20, 1e-8])
+    directions = random.normal(size=(count, 3))
+    chosen = random.random((count, 3)) < 0.5
+    chosen[:, 0] &= ~chosen.all(axis=1)
+    directions = np.where(chosen, random.choice(odd, (count, 3)), directions)
+    directions = _float32(directions * random.choice([1e-30, 1.0, 1e30], (count, 1)))
+    origins = _inside(random, count)
+    t = np.asarray(make(vertices, triangles)(origins, directions)[0], np.float64)
+    expected = brute_force(vertices[triangles], origins, directions)[0]
+    with np.errstate(invalid="ignore"):
+        return float((~(np.abs(t / expected - 1) <= ULPS4)).sum())
+
+
+def _needles(make: MakeTrace, count: int) -> float:
+    """Inner points of needles of aspect 1e2 … 1e7 that are missed, or hit more than 1e-6 off."""
+    random, total = np.random.default_rng(8), 0.0
+    for exponent in np.arange(2, 7.5, 0.5):
+        for _ in range(4):
+            angle = random.uniform(0, 2 * np.pi)
+            along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+            flat = np.stack([-0.9 * along, 0.9 * along, 1.8 * 10.0**-exponent * across])
+            corners = np.column_stack([flat, flat @ (0.3, 0.2)])
+            corners = np.round(corners / LATTICE) * LATTICE
+            total += _inner_failures(make, corners, random, count // 44, 1e-6)
+    return total
+
+
+def _inner_failures(make: MakeTrace, corners: Array, random: np.random.Generator, count: int, bound: float) -> float:
+    """Rays straight down through lattice points that are strictly inside the triangle, seen from above."""
+    weights = random.dirichlet((1, 1, 1), count)
+    points = np.round((weights @ corners)[:, :2] / LATTICE) * LATTICE
+    edges = np.roll(corners, -1, 0)[:, :2] - corners[:, :2]
+    offsets = points[:, None] - corners[:, :2]
+    areas = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]  # exact: 25 bits times 25 bits
+    inside = (areas > 0).all(axis=1)
+    points, areas = points[inside], areas[inside]
+    depth = 1.0 - (areas[:, [1, 2, 0]] @ corners[:, 2]) / areas.sum(axis=1)
+    trace = make(corners, np.array([[0, 1, 2]], np.int32))
+    t, triangle = trace(np.column_stack([points, np.ones(len(points))]), np.tile((0.0, 0.0, -1.0), (len(points), 1)))
+    return float((~((triangle == 0) & (np.abs(t - depth) <= bound))).sum())
+
+
+def _tiny(make: MakeTrace, count: int) -> float:
+    """Inner points of triangles with edges 2^-7 … 2^-40 before a triangle of size 1 that are missed."""
+    random, total = np.random.default_rng(9), 0.0
+    back = np.array([(-1.0, -1.0, -1.0), (1.0, -1.0, -1.0), (0.0, 1.0, -1.0)])
+    for k in range(7, 41):
+        tiny = np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (0.0, 1.0, 0.0)]) * 2.0**-k
+        weights = random.dirichlet((1, 1, 1), count // 34) * 0.98 + 0.02 / 3
+        points = _float32(weights @ tiny) + (0.0, 0.0, 0.5)
+        trace = make(np.concatenate([tiny, back]), np.arange(6, dtype=np.int32).reshape(2, 3))
+        total += float((trace(points, np.tile((0.0, 0.0, -1.0), (len(points), 1)))[1] != 0).sum())
+    return total
+
+
+def _soup(make: MakeTrace, count: int) -> float:
+    """Hits on random triangles that differ from float64 brute force, edges left out."""
+    random, count = np.random.default_rng(10), min(count, 40_000)
+    corners = random.uniform(-1, 1, (400, 1, 3)) + random.normal(size=(400, 3, 3)) * random.choice([0.01, 0.1, 1], (400, 1, 1))
+    corners = _float32(corners)
+    origins, directions = _float32(random.uniform(-1, 1, (count, 3))), _float32(random.normal(size=(count, 3)))
+    t = np.asarray(make(corners.reshape(-1, 3), np.arange(1200, dtype=np.int32).reshape(-1, 3))(origins, directions)[0], float)
+    expected, clear = brute_force(corners, origins, directions)
+    with np.errstate(invalid="ignore"):
+        same = (t == expected) | (np.abs(t - expected) <= 1e-5 * np.maximum(expected, 1.0))
+    return float((clear & ~same).sum())
+
+
+def brute_force(corners: Array, origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Float64 closest t (k,), inf for a miss, and whether the ray keeps clear of every edge and of its own start."""
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(e1, e2)
+    length = np.linalg.norm(directions, axis=1)
+    best, clear = np.full(len(origins), np.inf), np.ones(len(origins), bool)
+    for part in np.array_split(np.arange(len(origins)), len(origins) * len(corners) // 2_000_000 + 1):
+        d = directions[part] / length[part, None]
+        offset = origins[part, None] - corners[:, 0]
+        moment = np.cross(offset, d[:, None])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = -1 / (d @ normal.T)
+            u, v = (moment * e2).sum(-1) * scale, -(moment * e1).sum(-1) * scale
+            t = (offset * normal).sum(-1) * scale
+            inner = np.minimum(np.minimum(u, v), 1 - u - v)
+            hit = (inner >= -1e-12) & (t > 0)
+            near = (np.abs(inner) < 1e-4) | ((np.abs(t) < 1e-4) & (inner > -1e-4))
+        best[part] = np.where(hit, t, np.inf).min(axis=1) / length[part]
+        clear[part] = ~near.any(axis=1)
+    return best, clear
+
+
+def _build_ratio(make: MakeTrace, count: int) -> float:
+    """Build time of coincident triangles, in build times of random ones (the least of three each)."""
+    random, count = np.random.default_rng(11), min(count, 100_000)
+    scattered = random.uniform(-1, 1, (count, 1, 3)) + random.normal(size=(count, 3, 3)) * 0.01
+    seconds = []
+    for corners in (scattered, np.repeat(scattered[:1], count, axis=0)):
+        times = []
+        for _ in range(3):
+            start = perf_counter()
+            make(corners.reshape(-1, 3), np.arange(3 * count, dtype=np.int32).reshape(-1, 3))
+            times.append(perf_counter() - start)
+        seconds.append(min(times))
+    return seconds[1] / seconds[0]
+
+
+def _invalid_rays(make: MakeTrace, count: int) -> float:
+    """Hits of rays with NaN or infinity in origin or direction, or with no direction."""
+    random, count = np.random.default_rng(12), min(count, 10_000)
+    rays = np.concatenate([_inside(random, count), random.normal(size=(count, 3))], axis=1)
+    rays[np.arange(count), random.integers(6, size=count)] = random.choice([np.nan, np.inf, -np.inf], count)
+    rays[: count // 4, :] = np.concatenate([_inside(random, count // 4), np.zeros((count // 4, 3))], axis=1)
+    t, triangle = make(*_ball())(rays[:, :3], rays[:, 3:])
+    return float(((triangle >= 0) & np.isfinite(t)).sum())
+
+
+CASES = (
+    Case("N1", "ball, rays at vertices: missed", 0, _vertices),
+    Case("N1", "rays at edge midpoints: missed", 0, _midpoints),
+    Case("N1", "rays at random edge points: missed", 0, _edges),
+    Case("N2", "ball at 1.5e5 … 1e12: missed", 0, _moved),
+    Case("N2", "ball of size 1e-6 … 1e6: missed", 0, _scaled),
+    Case("N2", "ball times 2^k: other bits", 0, _powers_of_two),
+    Case("N3", "on the lines of a grid: missed", 0, _grid),
+    Case("N5", "odd directions: not as brute force", 0, _odd_directions),
+    Case("N6", "needles 1e2 … 1e7: missed or off", 0, _needles),
+    Case("N6", "edges 2^-7 … 2^-40: missed", 0, _tiny),
+    Case("N8", "build, coincident / random", 3, _build_ratio),
+    Case("N9", "soup: not as brute force", 0, _soup),
+    Case("N11", "invalid rays: hits", 0, _invalid_rays),
+)

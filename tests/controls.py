@@ -1,0 +1,86 @@
+"""Kernels with one protection taken away: what the tests of a protection must be able to notice.
+
+A control is a copy of the kernels with one edit. Within `kernels(...)` pyrt compiles the copy.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest.mock import patch
+
+from pyrt.layout import kernel_dir
+
+
+@dataclass(frozen=True)
+class Control:
+    """`old` occurs once in the kernel file and is replaced."""
+
+    file: str
+    old: str
+    new: str
+
+
+# Möller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997: every triangle rounds on its own.
+_MOLLER_TRUMBORE = """
+    float8 p[3], q[3], r[3], x[3], y[3];
+    const float o[3] = {ray->o.x, ray->o.y, ray->o.z}, d[3] = {ray->d.x, ray->d.y, ray->d.z};
+    for (int i = 0; i < 3; ++i) {
+        p[i] = load8(block->vertex[1][i]) - load8(block->vertex[0][i]);
+        q[i] = load8(block->vertex[2][i]) - load8(block->vertex[0][i]);
+        r[i] = o[i] - load8(block->vertex[0][i]);
+    }
+    for (int i = 0, j = 1, k = 2; i < 3; j = k, k = i, ++i) {
+        x[i] = d[j] * q[k] - d[k] * q[j];
+        y[i] = r[j] * p[k] - r[k] * p[j];
+    }
+    float8 det = p[0] * x[0] + p[1] * x[1] + p[2] * x[2];
+    float8 v = (r[0] * x[0] + r[1] * x[1] + r[2] * x[2]) / det;
+    float8 w = (d[0] * y[0] + d[1] * y[1] + d[2] * y[2]) / det;
+    float8 u = 1.0f - v - w;
+    float8 low = min8(u, min8(v, w)), high = (float8)(1.0f);
+"""
+_EDGES = """
+    float8 u = cross8(cx, cy, bx, by);
+    float8 v = cross8(ax, ay, cx, cy);
+    float8 w = cross8(bx, by, ax, ay);
+    float8 low = min8(u, min8(v, w)), high = max8(u, max8(v, w));
+"""
+_CROSS = "return fma8(px, qy, -product) + fma8(-py, qx, product);"
+
+CONTROLS = {
+    "Möller–Trumbore": Control("triangle.h", _EDGES, _MOLLER_TRUMBORE),
+    "contracted edges": Control("triangle.h", _CROSS, "return fma8(px, qy, -product);"),
+    "rounded edges": Control("triangle.h", _CROSS, "return px * qy - product;"),
+    "no box padding": Control("bvh.h", "#define BOX_ULPS 8.0f", "#define BOX_ULPS 0.0f"),
+    "no clamped directions": Control("bvh.h", "max1(largest * 0x1p-40f, 0x1p-120f)", "0.0f"),
+    "relative shadow epsilon": Control("direct.h", "s->q - o, 1.0f, si->id", "s->q - o, 1.0f - 1e-3f, si->id"),
+    "no id skip": Control("scene.h", "id == ray->self || ", ""),
+    "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
+    # No protection, but the truth for one: every box is entered, and nothing is culled by distance.
+    "brute force": Control(
+        "bvh.h",
+        "*near = entry;\n    return mask8(entry <= leave);",
+        "*near = 0.0f;\n    return mask8(load8(node->bounds[0][0]) <= load8(node->bounds[0][1]));",
+    ),
+}
+
+
+@contextmanager
+def kernels(*controls: str, files: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Makes pyrt compile the kernels with these controls applied, and with additional files (name: text)."""
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / "kernels"
+        shutil.copytree(kernel_dir(), copy)
+        for control in (CONTROLS[name] for name in controls):
+            text = (copy / control.file).read_text(encoding="utf-8")
+            assert text.count(control.old) == 1, f"{control.file}: expected this once:\n{control.old}"
+            (copy / control.file).write_text(text.replace(control.old, control.new), encoding="utf-8")
+        for name, text in (files or {}).items():
+            (copy / name).write_text(text, encoding="utf-8")
+        with patch("pyrt.device.kernel_dir", lambda: copy):
+            yield

@@ -1,0 +1,159 @@
+"""The film: exact averages over any number of samples, the same bits however these arrive, and no bad sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pyrt.film import Film
+
+PIXELS = 5
+
+
+def random_planes(samples: int, pixels: int = PIXELS, seed: int = 0) -> NDArray[np.float32]:
+    """Radiances over many orders of magnitude, so that every rounding shows."""
+    rng = np.random.default_rng(seed)
+    return np.exp(rng.uniform(-20, 20, (samples, 3, pixels))).astype(np.float32)
+
+
+def film_of(planes: NDArray[np.float32], *splits: int, first: int = 0) -> Film:
+    """Planes added in ranges that end at `splits`; `first` is the index of the first sample."""
+    film = Film.empty(planes.shape[2])
+    ends = [*splits, len(planes)]
+    for start, end in zip([0, *splits], ends, strict=True):
+        film.add(planes[start:end], 0, first + start)
+    return film
+
+
+def assert_same_bits(a: Film, b: Film) -> None:
+    assert (a.mean() == b.mean()).all()
+    assert (a.variance() == b.variance()).all()
+    assert (a.count == b.count).all()
+    assert a.dropped == b.dropped
+
+
+# Values ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 32, 100, 1000])
+def test_mean_and_variance(samples):
+    planes = random_planes(samples)
+    film, x = film_of(planes), planes.astype(float)
+    np.testing.assert_allclose(film.mean(), x.mean(0), rtol=1e-14)
+    truth = x.var(0, ddof=1) / samples if samples > 1 else np.zeros((3, PIXELS))
+    np.testing.assert_allclose(film.variance(), truth, rtol=1e-11)
+    assert (film.count == samples).all()
+    assert film.dropped == 0
+
+
+def test_no_samples():
+    film = Film.empty(3)
+    assert (film.mean() == 0).all()
+    assert (film.variance() == 0).all()
+
+
+def test_long_images_are_summed_in_blocks():
+    planes = random_planes(3, pixels=40_000)
+    np.testing.assert_allclose(film_of(planes).mean(), planes.astype(float).mean(0), rtol=1e-15)
+
+
+@pytest.mark.parametrize("image", ["constant", "ramp"])
+def test_1e8_samples(image):
+    """95 · 2^20 samples keep 14 digits of the mean, and a constant has no variance."""
+    samples = 1 << 20
+    ramp = np.linspace(0, 2, samples, dtype=np.float32) if image == "ramp" else np.full(1, 0.1, np.float32)
+    planes = np.broadcast_to(ramp[:, None, None], (samples, 3, 1))
+    part = film_of(planes)
+    film = part
+    for index in range(1, 95):  # the same samples again and again, as if rendered with later indices
+        film = film.merge(Film(part.count, {0: {(20, index): part.strips[0][20, 0]}}))
+    truth = ramp.astype(float).mean()
+    assert np.abs(film.mean() / truth - 1).max() < 1e-14
+    spread = ramp.astype(float).var() / (95 * samples)
+    assert np.abs(film.variance() - spread).max() < 1e-13 * truth**2
+
+
+def test_float32_sums_would_stick():
+    """A running float32 sum stops growing once a sample is less than half its ulp."""
+    total = np.float32(2.0**24)
+    assert total + np.float32(0.1) == total
+    sums = np.cumsum(np.full(1 << 24, 0.1, np.float32))
+    assert abs(sums[-1] / (0.1 * len(sums)) - 1) > 1e-6
+
+
+# Order ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("samples", [7, 64, 100])
+def test_passes_change_no_bit(samples):
+    planes = random_planes(samples)
+    whole = film_of(planes)
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        splits = np.unique(rng.integers(1, samples, rng.integers(1, samples))).tolist()
+        assert_same_bits(whole, film_of(planes, *splits))
+
+
+@pytest.mark.parametrize("samples", [7, 64, 100])
+def test_merged_halves_change_no_bit(samples):
+    planes = random_planes(samples)
+    whole = film_of(planes)
+    for k in range(1, samples):
+        first, second = film_of(planes[:k]), film_of(planes[k:], first=k)
+        assert_same_bits(whole, first.merge(second))
+        assert_same_bits(whole, second.merge(first))
+
+
+def test_three_parts_merge_in_any_order():
+    planes = random_planes(100)
+    a, b, c = film_of(planes[:13]), film_of(planes[13:70], first=13), film_of(planes[70:], first=70)
+    assert_same_bits(film_of(planes), c.merge(a).merge(b))
+
+
+def test_running_sums_would_differ():
+    """What the tree protects from: sums of halves are not the sum of the whole."""
+    x = random_planes(100).astype(float)
+    halves = np.cumsum(x[:37], axis=0)[-1] + np.cumsum(x[37:], axis=0)[-1]
+    assert (halves != np.cumsum(x, axis=0)[-1]).any()
+
+
+def test_strips_of_pixels_are_independent():
+    planes = random_planes(24, pixels=11)
+    film = Film.empty(11)
+    for samples in (slice(0, 10), slice(10, 24)):
+        for pixels in (slice(4, 11), slice(0, 4)):
+            film.add(planes[samples, :, pixels], pixels.start, samples.start)
+    assert_same_bits(film, film_of(planes))
+    assert_same_bits(film.merge(film_of(planes, first=24)), film_of(np.concatenate([planes, planes])))
+
+
+# Bad samples ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_not_finite_are_dropped_and_counted(bad):
+    planes = random_planes(40)
+    planes[7, 1, 2] = planes[8, 0, 2] = planes[30, :, 4] = bad
+    film = film_of(planes, 5, 25)
+    assert film.dropped == 3
+    assert film.count.tolist() == [40, 40, 38, 40, 39]
+    kept = np.delete(planes[:, :, 2], [7, 8], axis=0).astype(float)
+    np.testing.assert_allclose(film.mean()[:, 2], kept.mean(0), rtol=1e-14)
+    np.testing.assert_allclose(film.variance()[:, 2], kept.var(0, ddof=1) / 38, rtol=1e-11)
+    assert np.isfinite(film.mean()).all()
+    assert_same_bits(film, film_of(planes))
+
+
+def test_a_pixel_without_any_good_sample_is_black():
+    film = film_of(np.full((9, 3, 1), np.nan, np.float32))
+    assert film.dropped == 9
+    assert film.count[0] == 0
+    assert (film.mean() == 0).all()
+    assert (film.variance() == 0).all()
+
+
+def test_the_largest_floats_stay_finite():
+    film = film_of(np.full((1000, 3, 1), np.finfo(np.float32).max))
+    assert film.dropped == 0
+    np.testing.assert_allclose(film.mean(), np.finfo(np.float32).max, rtol=1e-15)
