@@ -56,16 +56,43 @@ INLINE float2 sample_bilinear(float2 u, float4 w, float *value)
     return (float2)(s, v);
 }
 
+/* The part of [0, 1] where value + slope * x > 0. */
+INLINE float2 positive_range(float value, float slope)
+{
+    float zero = -value / slope;
+    return (float2)(slope > 0.0f ? max1(zero, 0.0f) : 0.0f, slope < 0.0f ? min1(zero, 1.0f) : 1.0f);
+}
+
+/* Cuts a rectangle to the smallest one, along its edges, around its part above the receiver's horizon; false if none. */
+INLINE bool rectangle_clip(const Surface *si, float3 *corner, float3 *e1, float3 *e2, float *area)
+{
+    float value = dot3(si->n, *corner - si->p);
+    float slope1 = dot3(si->n, *e1), slope2 = dot3(si->n, *e2);
+    if (value + min1(slope1, 0.0f) + min1(slope2, 0.0f) >= 0.0f)
+        return true;
+    float2 range1 = positive_range(value + max1(slope2, 0.0f), slope1);
+    float2 range2 = positive_range(value + max1(slope1, 0.0f), slope2);
+    float size1 = range1.y - range1.x, size2 = range2.y - range2.x;
+    *corner = madd3(*e2, range2.x, madd3(*e1, range1.x, *corner));
+    *e1 *= size1;
+    *e2 *= size2;
+    *area *= size1 * size2;
+    return size1 > 0.0f && size2 > 0.0f;
+}
+
 /* A point on a rectangle, nearly proportional to what it contributes: the density is the bilinear interpolation of the
  * contributions of the four corners. Where all four are below the receiver's horizon, the whole rectangle is. */
 INLINE LightSample rectangle_sample(const global Light *light, const Surface *si, float2 u)
 {
     LightSample s = light_sample_none(light);
-    float3 n = load3(light->n), e1 = load3(light->edge1), e2 = load3(light->edge2);
-    float3 to = load3(light->position) - si->p;
-    float height = -dot3(n, to);
+    float3 n = load3(light->n), e1 = load3(light->edge1), e2 = load3(light->edge2), corner = load3(light->position);
+    float height = dot3(n, si->p - corner);
     if (!(height > 0.0f))
         return s;
+    float area = light->area;
+    if (!rectangle_clip(si, &corner, &e1, &e2, &area))
+        return s;
+    float3 to = corner - si->p;
     float4 x = to.x + (float4)(0.0f, e1.x, e2.x, e1.x + e2.x);
     float4 y = to.y + (float4)(0.0f, e1.y, e2.y, e1.y + e2.y);
     float4 z = to.z + (float4)(0.0f, e1.z, e2.z, e1.z + e2.z);
@@ -76,11 +103,12 @@ INLINE LightSample rectangle_sample(const global Light *light, const Surface *si
         return s;
     float value;
     float2 st = sample_bilinear(u, w, &value);
+    float3 q = madd3(e2, st.y, madd3(e1, st.x, corner));
+    s.q = madd3(n, light->offset, q);
     to = madd3(e2, st.y, madd3(e1, st.x, to));
-    s.q = madd3(n, light->offset, madd3(e2, st.y, madd3(e1, st.x, load3(light->position))));
     float dist2 = dot3(to, to);
     float mean = 0.25f * (w.x + w.y + w.z + w.w);
-    s.irradiance = load3(light->emission) * (receiver_cosine(si, to) * height * light->area * mean / (value * dist2 * dist2));
+    s.irradiance = load3(light->emission) * (receiver_cosine(si, to) * height * area * mean / (value * dist2 * dist2));
     return s;
 }
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt import bvh
+from pyrt.bvh import Bvh, build
 from pyrt.layout import constants, dtypes
 
 _ULP = 2.0**-24
@@ -48,13 +48,13 @@ def build_tree(corners: NDArray[np.float32], spheres: NDArray[Any]) -> Tree:
 
 @dataclass(frozen=True)
 class _Part:
-    tree: bvh.Bvh
+    tree: Bvh
     kind: int  # of its blocks
     extent: NDArray[np.float32]  # (axis, [low, high])
 
 
 def _part(low: NDArray[np.float32], high: NDArray[np.float32], kind: int) -> _Part:
-    return _Part(bvh.build(low, high), kind, np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
+    return _Part(build(low, high), kind, np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
 
 
 def _join(parts: list[_Part]) -> tuple[NDArray[Any], int, int]:
