@@ -80,8 +80,42 @@ INLINE bool rectangle_clip(const Surface *si, float3 *corner, float3 *e1, float3
     return size1 > 0.0f && size2 > 0.0f;
 }
 
+/* A point (s, t) of a rectangle, seen from `height` above its plane with the corner in direction `to`, uniform in solid angle
+ * (Urena, Fajardo, King 2013). Returns the solid angle; 0 where it is small, and so a difference of large numbers that all
+ * its digits cancel in, or where the edges are not at right angles. Angles come from atan2 of both legs: a rectangle that
+ * is very close has them near 0 and pi, where acos has no digits. */
+INLINE float sample_solid_angle(float3 to, float3 e1, float3 e2, float height, float2 u, float2 *st)
+{
+    float2 size = (float2)(sqrt1(dot3(e1, e1)), sqrt1(dot3(e2, e2)));
+    if (!(abs1(dot3(e1, e2)) < 1e-5f * size.x * size.y))
+        return 0.0f;
+    float2 low = (float2)(dot3(to, e1), dot3(to, e2)) / size, high = low + size;
+    float h2 = height * height;
+    float4 side = (float4)(-low.y, high.x, high.y, -low.x);
+    float4 hypotenuse2 = side * side + h2;
+    float4 cosine = side / sqrt(hypotenuse2); /* of the planes through the sides, to that of the rectangle */
+    float4 sine2 = h2 / hypotenuse2;
+    float4 corner = atan2(sqrt(sine2 + cosine * cosine * sine2.yzwx), -cosine * cosine.yzwx);
+    float solid_angle = (corner.x + corner.y) + (corner.z + corner.w) - 2.0f * PI;
+    if (!(solid_angle > 0.05f))
+        return 0.0f;
+
+    float angle = fma1(u.x, solid_angle, 2.0f * PI - corner.z - corner.w);
+    float f = (cos(angle) * cosine.x - cosine.z) / sin(angle);
+    float x = copysign1(height / sqrt1(max1(fma1(f, f, -sine2.x), 1e-30f)), f);
+    x = min1(max1(x, low.x), high.x);
+    float d2 = fma1(x, x, h2);
+    float v = lerp1(low.y / sqrt1(fma1(low.y, low.y, d2)), high.y / sqrt1(fma1(high.y, high.y, d2)), u.y);
+    float y = v * sqrt1(d2 / max1(1.0f - v * v, 1e-30f));
+    y = min1(max1(y, low.y), high.y);
+    *st = ((float2)(x, y) - low) / size;
+    return solid_angle;
+}
+
 /* A point on a rectangle, nearly proportional to what it contributes: the density is the bilinear interpolation of the
- * contributions of the four corners. Where all four are below the receiver's horizon, the whole rectangle is. */
+ * contributions of the four corners. Where all four are below the receiver's horizon, the whole rectangle is. A surface that
+ * is closer than the rectangle is large gets most of its light from a spot that no corner knows of. There the density is
+ * that of the solid angle, so that no sample counts for more than a direction can. */
 INLINE LightSample rectangle_sample(const global Light *light, const Surface *si, float2 u)
 {
     LightSample s = light_sample_none(light);
@@ -96,19 +130,27 @@ INLINE LightSample rectangle_sample(const global Light *light, const Surface *si
     float4 x = to.x + (float4)(0.0f, e1.x, e2.x, e1.x + e2.x);
     float4 y = to.y + (float4)(0.0f, e1.y, e2.y, e1.y + e2.y);
     float4 z = to.z + (float4)(0.0f, e1.z, e2.z, e1.z + e2.z);
-    float4 r2 = x * x + y * y + z * z + 1e-30f;
+    float4 r2 = x * x + y * y + z * z + 1e-24f; /* so that no later quotient overflows */
+    float near2 = min1(min1(r2.x, r2.y), min1(r2.z, r2.w));
     float4 cosine = x * si->n.x + y * si->n.y + z * si->n.z;
-    float4 w = cosine > 0.0f ? cosine / (r2 * r2) : 0.0f;
-    if (!(w.x + w.y + w.z + w.w > 0.0f))
+    float4 w = cosine > 0.0f ? cosine * (near2 / r2) * (near2 / r2) : 0.0f; /* relative: 1 / r^4 may overflow */
+    float sum = w.x + w.y + w.z + w.w;
+    if (!(sum > 1e-30f))
         return s;
-    float value;
-    float2 st = sample_bilinear(u, w, &value);
+
+    float2 st;
+    float solid_angle = 0.0f, value;
+    if (near2 < dot3(e1, e1) + dot3(e2, e2))
+        solid_angle = sample_solid_angle(to, e1, e2, height, u, &st);
+    if (solid_angle == 0.0f)
+        st = sample_bilinear(u, w * (4.0f / sum), &value);
     float3 q = madd3(e2, st.y, madd3(e1, st.x, corner));
     s.q = madd3(n, light->offset, q);
     to = madd3(e2, st.y, madd3(e1, st.x, to));
-    float dist2 = dot3(to, to);
-    float mean = 0.25f * (w.x + w.y + w.z + w.w);
-    s.irradiance = load3(light->emission) * (receiver_cosine(si, to) * height * area * mean / (value * dist2 * dist2));
+    float inv_r2 = 1.0f / max1(dot3(to, to), 1e-24f);
+    float per_cosine = solid_angle > 0.0f ? solid_angle * sqrt1(inv_r2) : height * inv_r2 * (area * inv_r2) / value;
+    if (solid_angle > 0.0f || value > 0.0f)
+        s.irradiance = load3(light->emission) * (receiver_cosine(si, to) * per_cosine);
     return s;
 }
 

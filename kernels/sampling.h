@@ -86,7 +86,7 @@ INLINE float2 sample_2d(Sampler sampler, uint pair)
 /* x in [0, 1] with density proportional to (1 - x) a + x b; a, b >= 0, not both 0. */
 INLINE float sample_linear(float u, float a, float b)
 {
-    return min1(u * (a + b) / (a + sqrt1(fma1(u, b * b - a * a, a * a))), 1.0f);
+    return min1(u * (a + b) / max1(a + sqrt1(fma1(u, b * b - a * a, a * a)), 1e-30f), 1.0f);
 }
 
 /* Uniform barycentrics (b1, b2) of a triangle: the square folded along its diagonal, shear-free (Heitz 2019). */

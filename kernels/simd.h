@@ -12,10 +12,12 @@
 #define __has_builtin(x) 0
 #endif
 
+#ifndef NATIVE_X86
 #if defined(__x86_64__) && defined(__FMA__) && defined(__AVX2__) && __has_builtin(__builtin_ia32_vfmaddps256)
 #define NATIVE_X86 1
 #else
 #define NATIVE_X86 0
+#endif
 #endif
 
 #define INLINE static inline __attribute__((always_inline))

@@ -16,11 +16,24 @@ typedef struct {
     int light;    /* or -1 */
 } Surface;
 
+/* The hit point, but not nearer to an edge than EDGE_MARGIN of the triangle's height: rounded, it might lie behind the
+ * neighbour, and a ray that leaves would miss that. */
+#define EDGE_MARGIN 0x1p-18f
+
+INLINE float3 triangle_point(const global Triangle *tri, const Hit *hit)
+{
+    float u = max1(hit->u, EDGE_MARGIN), v = max1(hit->v, EDGE_MARGIN);
+    float excess = max1(u + v - (1.0f - EDGE_MARGIN), 0.0f);
+    u = fma1(excess, -0.5f, u);
+    v = fma1(excess, -0.5f, v);
+    return madd3(load3(tri->e2), v, madd3(load3(tri->e1), u, load3(tri->v0)));
+}
+
 INLINE Surface triangle_surface(const Scene *scene, const Hit *hit)
 {
     const global Triangle *tri = &scene->triangles[hit->id];
     Surface si;
-    si.p = madd3(load3(tri->e2), hit->v, madd3(load3(tri->e1), hit->u, load3(tri->v0)));
+    si.p = triangle_point(tri, hit);
     si.ng = load3(tri->n);
     si.n = si.ng;
     si.uv = (float2)(hit->u + hit->v, hit->v);
