@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pyrt.errors import DeviceError
 from pyrt.layout import kernel_dir
-from pyrt.toolchain import ensure_linker
+from pyrt.toolchain import ensure_cache, ensure_linker
 
 LOCAL_SIZE = 64
 # PoCL compiles a kernel anew for grids below 65,535 work-items and for each local size: one of each is enough.
@@ -56,6 +56,7 @@ def list_devices() -> list[DeviceInfo]:
     except (ImportError, OSError) as error:
         raise DeviceError(f"OpenCL cannot be loaded ({error}); run: pip install 'pyopencl[pocl]'") from error
     devices: list[DeviceInfo] = []
+    ensure_cache()
     try:
         platforms = cl.get_platforms()
     except cl.Error as error:
@@ -142,7 +143,8 @@ class Device:
                 # PoCL keeps compiled kernels itself, and its key covers the included headers.
                 program.build([*flags, include], cache_dir=False)
             except cl.Error as error:
-                raise DeviceError(f"{self.info}: {source} does not compile: {error}") from error
+                first = next((line for line in str(error).splitlines() if "error:" in line), str(error).split("\n")[0])
+                raise DeviceError(f"{self.info}: {source} does not compile: {first.strip()}") from error
         self.compile_seconds += perf_counter() - start
         return {kernel.function_name: kernel for kernel in program.all_kernels()}
 

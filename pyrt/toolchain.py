@@ -71,6 +71,26 @@ def ensure_linker(pocl_version: str) -> None:
     )
 
 
+def ensure_cache() -> None:
+    """Make sure that PoCL and pyopencl can cache what they compile: call it before the first look for OpenCL platforms.
+
+    Where the user's cache folder cannot be written to, as for a user without a home, PoCL reports no device and pyopencl
+    fails. Then a folder of this process alone serves.
+    """
+    folder = Path(_cache_home())
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+    except OSError:
+        writable = False
+    if not writable:
+        os.environ["XDG_CACHE_HOME"] = str(_private_folder())
+
+
+def _cache_home() -> str:
+    return os.path.expanduser(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+
+
 def _is_ours(folder: str) -> bool:
     return Path(folder).name.startswith(_PREFIX)
 
@@ -93,7 +113,7 @@ def _install(linker: tuple[str, ...]) -> Path | None:
     except OSError:
         return None
     key = zlib.crc32(f"{script} {file.st_size} {file.st_mtime_ns}".encode())
-    cache = os.path.expanduser(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    cache = _cache_home()
     remembered = Path(cache, "pyrt", f"{_PREFIX}{key:08x}")
     if (remembered / "ld").exists():
         return remembered
