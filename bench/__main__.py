@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bench import build, error, numerics, peers_embree, peers_mitsuba, rays, report, start
+from bench import bias, build, error, numerics, peers_embree, peers_mitsuba, rays, report, start
 from bench.report import Outcome
+from bench.scenes import ERROR_SCENES
 from pyrt.device import choose_device
 from pyrt.errors import PyrtError
 
@@ -43,8 +44,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome]]:
     """The parts, with the options that each understands."""
     settings = error.QUICK if args.quick else error.Settings()
-    given = {"size": args.size, "repeats": args.repeats, "reference_spp": args.reference_spp, "device": args.device,
-             "scenes": tuple(args.scene) if args.scene else None}
+    given = {
+        "size": args.size,
+        "repeats": args.repeats,
+        "reference_spp": args.reference_spp,
+        "device": args.device,
+        "scenes": tuple(args.scene) if args.scene else None,
+    }
     settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
     repeats = args.repeats or (3 if args.quick else 7)
     return {
@@ -52,7 +58,7 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
         "rays": lambda: rays.run(args.quick, repeats),
         "build": lambda: build.run(args.quick, repeats),
         "start": lambda: start.run(args.quick, repeats),
-        "numerics": lambda: numerics.run_bias(args.quick) if args.bias else numerics.run(args.quick),
+        "numerics": lambda: bias.run(args.quick) if args.bias else numerics.run(args.quick),
     }
 
 
@@ -69,11 +75,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out", metavar="DIR")
     parser.add_argument("--repeats", type=int, metavar="N", help="repetitions of each measurement")
     parser.add_argument("--device", metavar="NAME", help="error: OpenCL device")
-    parser.add_argument("--scene", action="append", choices=tuple(error.ERROR_SCENES), metavar="NAME",
-                        help=f"error: only this one; may be repeated ({', '.join(error.ERROR_SCENES)})")
+    parser.add_argument(
+        "--scene",
+        action="append",
+        choices=tuple(ERROR_SCENES),
+        metavar="NAME",
+        help=f"error: only this one; may be repeated ({', '.join(ERROR_SCENES)})",
+    )
     parser.add_argument("--size", type=int, metavar="N", help="error: pictures of N×N pixels")
     parser.add_argument("--reference-spp", type=int, metavar="N", help="error: samples of the reference")
-    parser.add_argument("--bias", action="store_true", help="numerics: the bias floor of every scene instead of the suite")
+    parser.add_argument("--bias", action="store_true", help="numerics: the bias floor of every scene instead")
     return parser
 
 

@@ -20,7 +20,9 @@ TRACER, MITSUBA, EMBREE = "pyrt.RayTracer", "Mitsuba", "embreex"
 
 def run(quick: bool, repeats: int) -> Outcome:
     """Seconds from numpy arrays to a tracer that can be asked."""
-    rows, figures, data = [], {}, {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, float] = {}
+    data = {}
     for triangles in QUICK_SIZES if quick else SIZES:
         print(f"build: {triangles} triangles", file=sys.stderr)
         seconds = interleaved(_jobs(triangles), repeats, lambda name, result: None)
@@ -31,8 +33,13 @@ def run(quick: bool, repeats: int) -> Outcome:
         peers = [name for name in (EMBREE, MITSUBA) if name in seconds]
         ratios = {name: 1 / paired_ratio(seconds[TRACER], seconds[name]) for name in peers}
         figures |= {f"{label}, pyrt / {name}": ratio for name, ratio in ratios.items()}
-        rows.append((label, *(number(median.get(name)) for name in (TRACER, EMBREE, MITSUBA)),
-                     *(number(ratios.get(name)) for name in (EMBREE, MITSUBA))))
+        rows.append(
+            (
+                label,
+                *(number(median.get(name)) for name in (TRACER, EMBREE, MITSUBA)),
+                *(number(ratios.get(name)) for name in (EMBREE, MITSUBA)),
+            )
+        )
     columns = ("seconds", TRACER, EMBREE, MITSUBA, "pyrt / embreex", "pyrt / Mitsuba")
     notes = (f"From numpy arrays in memory to a tracer that can be asked; {repeats} interleaved repetitions, medians.",)
     return Outcome((Table("Build", columns, tuple(rows), notes),), figures, data)

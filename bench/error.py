@@ -8,6 +8,7 @@ import statistics
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,12 +84,12 @@ def _measure(name: str, settings: Settings, out: Path) -> dict[str, Any]:
     halves = _reference(name, scene, ours, size, settings.reference_spp, out)
     reference = halves.mean(axis=0)
     contestants: dict[str, Callable[[int, int], Image]] = {OURS: lambda spp, seed: ours.render(spp, seed, size).image}
-    ladders = {OURS: OUR_LADDER}
+    ladders: dict[str, tuple[int, ...]] = {OURS: OUR_LADDER}
     bias = None
     if peers_mitsuba.version() and peers_mitsuba.can_express(scene):
         theirs = peers_mitsuba.renderer(scene, size)
         for sampler, ladder in PEER_LADDER.items():
-            contestants[sampler] = lambda spp, seed, sampler=sampler: theirs(sampler, spp, seed)
+            contestants[sampler] = partial(theirs, sampler)
             ladders[sampler] = ladder
         bias = _bias(theirs, halves)
     rungs, pictures = _climb(contestants, ladders, reference, settings)
@@ -101,8 +102,10 @@ def _measure(name: str, settings: Settings, out: Path) -> dict[str, Any]:
     }
 
 
-def _reference(name: str, scene: Scene, ours: pyrt.Renderer, size: tuple[int, int], spp: int, out: Path) -> NDArray[Any]:
-    """pyrt's converged picture as two independent halves (2, height, width, 3), kept on disk under a hash of the scene."""
+def _reference(
+    name: str, scene: Scene, ours: pyrt.Renderer, size: tuple[int, int], spp: int, out: Path
+) -> NDArray[np.float64]:
+    """pyrt's converged picture as two independent halves (2, height, width, 3), kept on disk by a hash of the scene."""
     key = hashlib.sha256(pickle.dumps(scene)).hexdigest()[:12]
     path = out / "reference" / f"{name.replace(' ', '_')}-{key}-{size[0]}x{size[1]}-{spp}.npy"
     if not path.exists():
@@ -161,8 +164,16 @@ def _targets(rungs: list[Rung]) -> list[dict[str, Any]]:
         reached = {name: statistics.median(t) for name, t in times.items() if t}
         best = min(reached, key=lambda name: reached[name], default=None)
         ratio = statistics.median(b / a for a, b in zip(ours, times[best], strict=True)) if ours and best else None
-        rows.append({"spp": spp, "relmse": target, "seconds": statistics.median(ours) if ours else None,
-                     "peer": best, "peer_seconds": reached.get(best), "ratio": ratio})
+        rows.append(
+            {
+                "spp": spp,
+                "relmse": target,
+                "seconds": statistics.median(ours) if ours else None,
+                "peer": best,
+                "peer_seconds": best and reached[best],
+                "ratio": ratio,
+            }
+        )
     return rows
 
 
@@ -171,22 +182,24 @@ def _times(rungs: list[Rung], contestant: str, target: float) -> list[float]:
     ladder = [rung for rung in rungs if rung.contestant == contestant]
     errors = [rung.relmse for rung in ladder]
     times = [seconds_to(target, errors, seconds) for seconds in zip(*(rung.seconds for rung in ladder), strict=True)]
-    return [] if None in times else times
+    return [t for t in times if t is not None] if None not in times else []
 
 
 def _bias(theirs: Callable[[str, int, int], Image], halves: NDArray[np.float64]) -> dict[str, float]:
     """How far the peer's converged picture is from our reference, given as two halves.
 
-    `mean`: relative difference of the whole picture, and its standard error. `relmse`: the relMSE between the two without
-    the noise of either, from the product of the differences of independent halves; `noisy`: that of one half.
+    `mean`: relative difference of the whole picture, and the standard error of both together. `relmse`: the relMSE
+    between the two without the noise of either, from the product of the differences of independent halves; `noisy`:
+    that of one half.
     """
     renders = [np.asarray(theirs("multijitter", 256, 100 + seed), np.float64) for seed in range(BIAS_RENDERS)]
     reference = halves.mean(axis=0)
     means = np.array([image.mean() for image in renders]) / reference.mean() - 1
+    own = abs(halves[0].mean() - halves[1].mean()) / 2 / reference.mean()
     differences = [np.mean(renders[half::2], axis=0) - halves[half] for half in (0, 1)]
     return {
         "mean": float(means.mean()),
-        "deviation": float(means.std(ddof=1) / np.sqrt(len(means))),
+        "deviation": float(np.hypot(means.std(ddof=1) / np.sqrt(len(means)), own)),
         "relmse": float((differences[0] * differences[1] / (reference**2 + DARK)).mean()),
         "noisy": float((differences[0] ** 2 / (reference**2 + DARK)).mean()),
     }
@@ -201,8 +214,11 @@ def _draw(name: str, rungs: list[Rung], pictures: dict[tuple[str, int], Image], 
         errors.append(rung.relmse)
     stem = name.replace(" ", "_")
     report.curves(out / f"error_{stem}.png", name, lines)
-    shown = {f"{who}, {spp} spp": squared_errors(image, reference).mean(axis=2)
-             for (who, spp), image in pictures.items() if spp == 64}
+    shown = {
+        f"{who}, {spp} spp": squared_errors(image, reference).mean(axis=2)
+        for (who, spp), image in pictures.items()
+        if spp == 64
+    }
     report.error_maps(out / f"map_{stem}.png", name, shown)
 
 
@@ -213,16 +229,27 @@ def _target_table(measured: dict[str, Any], settings: Settings) -> Table:
     rows = []
     for name, data in measured.items():
         for row in data["targets"]:
-            rows.append((name, str(row["spp"]), number(row["relmse"], 2), number(row["seconds"]),
-                         number(row["peer_seconds"]), row["peer"] or "–", number(row["ratio"])))
+            rows.append(
+                (
+                    name,
+                    str(row["spp"]),
+                    number(row["relmse"], 2),
+                    number(row["seconds"]),
+                    number(row["peer_seconds"]),
+                    row["peer"] or "–",
+                    number(row["ratio"]),
+                )
+            )
     ratios = [row["ratio"] for data in measured.values() for row in data["targets"] if row["ratio"]]
     notes = [
         "The target is the relMSE that Mitsuba's best sampler reaches with so many samples per pixel (without Mitsuba: "
         "that pyrt reaches). Times are renders only, warm, interpolated on log–log; a dash: out of the ladder's reach.",
-        f"{settings.size}×{settings.size} pixels, {settings.repeats} interleaved repetitions, reference {settings.reference_spp} spp.",
+        f"{settings.size}×{settings.size} pixels, {settings.repeats} interleaved repetitions, reference of "
+        f"{settings.reference_spp} spp.",
     ]
     if ratios:
-        notes.insert(0, f"Geometric mean: pyrt is {number(geometric_mean(ratios))} times as fast; least {number(min(ratios))}.")
+        mean, least = number(geometric_mean(ratios)), number(min(ratios))
+        notes.insert(0, f"Geometric mean: pyrt is {mean} times as fast; least {least}.")
     columns = ("scene", "peer spp", "relMSE", "pyrt s", "Mitsuba s", "sampler", "times faster")
     return Table("Time to an error", columns, tuple(rows), tuple(notes))
 
@@ -231,8 +258,8 @@ def _ladder_table(measured: dict[str, Any]) -> Table:
     rows = []
     for name, data in measured.items():
         for rung in data["rungs"]:
-            seconds = statistics.median(rung["seconds"])
-            rows.append((name, rung["contestant"], str(rung["spp"]), number(seconds), number(rung["relmse"], 2), number(rung["rmse"], 2)))
+            seconds, errors = statistics.median(rung["seconds"]), (number(rung[key], 2) for key in ("relmse", "rmse"))
+            rows.append((name, rung["contestant"], str(rung["spp"]), number(seconds), *errors))
     return Table("Ladders", ("scene", "sampler", "spp", "median s", "relMSE", "RMSE"), tuple(rows))
 
 
@@ -243,6 +270,8 @@ def _bias_table(measured: dict[str, Any]) -> Table:
         if (b := data["bias"])
     ]
     columns = ("scene", "mean", "± standard error", "relMSE of bias", "relMSE with noise")
-    notes = ("The peer's converged picture against our reference: whole picture, and per pixel with the noise taken out. "
-             "Near zero on both proves that the scenes are the same.",)
+    notes = (
+        "The peer's converged picture against our reference: whole picture, and per pixel with the noise taken out. "
+        "Near zero on both proves that the scenes are the same.",
+    )
     return Table("Bias of Mitsuba against pyrt", columns, tuple(rows), notes)

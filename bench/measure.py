@@ -19,7 +19,7 @@ DARK = 0.01  # added to the squared reference, so that black pixels do not decid
 
 @dataclass(frozen=True)
 class Error:
-    """Of a picture against a reference: the trimmed relative mean squared error, and the plain root of the mean square."""
+    """Of a picture against a reference: the trimmed relative mean squared error, and the plain root mean square."""
 
     relmse: float
     rmse: float
@@ -60,7 +60,9 @@ def geometric_mean(values: Sequence[float]) -> float:
     return statistics.geometric_mean(values) if values else math.nan
 
 
-def interleaved(jobs: Mapping[Any, Callable[[int], Any]], repeats: int, done: Callable[[Any, Any], None]) -> dict[Any, list[float]]:
+def interleaved(
+    jobs: Mapping[Any, Callable[[int], Any]], repeats: int, done: Callable[[Any, Any], None]
+) -> dict[Any, list[float]]:
     """Seconds of every job, `repeats` times each, in turn (A B A B …) so that a slow minute slows all of them.
 
     A job gets the number of the repetition; before the first, each runs once untimed. `done` gets its name and result.

@@ -150,10 +150,24 @@ def _sensor(scene: Scene, size: tuple[int, int], sampler: str) -> dict[str, Any]
     mi, camera = _module(), scene.camera
     reach = float(np.linalg.norm(np.subtract(camera.look_at, camera.position)))
     look = mi.ScalarTransform4f().look_at(origin=list(camera.position), target=list(camera.look_at), up=list(camera.up))
-    film = {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"}, "pixel_format": "rgb",
-            "component_format": "float32"}
-    return {"type": "perspective", "fov": camera.fov, "fov_axis": "y", "to_world": look, "film": film,
-            "near_clip": 1e-4 * reach, "far_clip": 1e6 * reach, "sampler": {"type": sampler}}
+    film = {
+        "type": "hdrfilm",
+        "width": size[0],
+        "height": size[1],
+        "rfilter": {"type": "box"},
+        "pixel_format": "rgb",
+        "component_format": "float32",
+    }
+    return {
+        "type": "perspective",
+        "fov": camera.fov,
+        "fov_axis": "y",
+        "to_world": look,
+        "film": film,
+        "near_clip": 1e-4 * reach,
+        "far_clip": 1e6 * reach,
+        "sampler": {"type": sampler},
+    }
 
 
 def _contents(scene: Scene) -> dict[str, Any]:
@@ -217,8 +231,8 @@ def _texture(texture: Texture) -> dict[str, Any]:
     matrix[:2, 2] = texture.delta
     to_uv = mi.ScalarTransform3f(matrix)
     if isinstance(texture, CheckerboardTexture):
-        colors = {f"color{i}": {"type": "rgb", "value": list(c)} for i, c in enumerate((texture.color0, texture.color1))}
-        return {"type": "checkerboard", "to_uv": to_uv, **colors}
+        color0, color1 = ({"type": "rgb", "value": list(color)} for color in (texture.color0, texture.color1))
+        return {"type": "checkerboard", "to_uv": to_uv, "color0": color0, "color1": color1}
     assert isinstance(texture, ImageTexture)
     return {"type": "bitmap", "bitmap": mi.Bitmap(texture.pixels), "raw": True, "to_uv": to_uv}
 
@@ -252,9 +266,7 @@ def _mesh(
     return mesh
 
 
-def _per_vertex(
-    values: NDArray[np.float32], triangles: NDArray[np.int32], count: int
-) -> NDArray[np.float32] | None:
+def _per_vertex(values: NDArray[np.float32], triangles: NDArray[np.int32], count: int) -> NDArray[np.float32] | None:
     """(count, k) values of vertices from those of corners (m, 3, k); None where corners of a vertex disagree."""
     out = np.zeros((count, values.shape[2]), np.float32)
     out[triangles] = values

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pyrt
 from bench import peers_mitsuba
+from pyrt.geometry import rectangle_corners
 from pyrt.procedural import icosphere
 from pyrt.scene import Camera, ConstantTexture, Diffuse, Mesh, PointLight, Rectangle, Scene, Shape
+from tests import meshes
 from tests.reference import analytic, tracer
 
 Array = NDArray[np.float64]
 Paint = Callable[[Scene, tuple[int, int], int, int], Array]  # (scene, size, spp, seed) -> (height, width, 3)
 
 ALBEDO = (0.5, 0.25, 0.75)
+RADIANCE = (1.0, 2.0, 3.0)
 SIZE = (8, 8)
-REPLICATES = 16
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -42,36 +46,36 @@ def painters() -> dict[str, Paint]:
     def theirs(scene: Scene, size: tuple[int, int], spp: int, seed: int) -> Array:
         return np.asarray(peers_mitsuba.renderer(scene, size)("multijitter", spp, seed), np.float64)
 
-    return {"pyrt": ours} | ({"Mitsuba": theirs} if peers_mitsuba.version() else {})
+    found: dict[str, Paint] = {"pyrt": ours}
+    return found | ({"Mitsuba": theirs} if peers_mitsuba.version() else {})
 
 
 def _scene(*shapes: Shape, camera: Camera, lights: tuple[PointLight, ...] = ()) -> Scene:
-    return Scene(camera=camera, textures=(ConstantTexture(ALBEDO),), materials=(Diffuse(0),), shapes=shapes, lights=lights)
+    textures, materials = (ConstantTexture(ALBEDO),), (Diffuse(0),)
+    return Scene(camera=camera, textures=textures, materials=materials, shapes=shapes, lights=lights)
 
 
 # Closed rooms ---------------------------------------------------------------------------------------------------------
 
 
-def _cube() -> tuple[Array, NDArray[np.int32]]:
-    corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij"), 3).reshape(-1, 3)
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))], np.int32)
-
-
-def _room(mesh: tuple[Array, NDArray[np.int32]], place: float, scale: float) -> Scene:
+def _room(mesh: tuple[Array, NDArray[Any]], place: float, scale: float) -> Scene:
     """A closed room around a point light; light falls by scale², so flux grows by as much."""
     vertices, triangles = mesh
     shift = np.array([place, -place, place])
-    walls = Mesh(name="walls", material=0, vertices=vertices * scale + shift, triangles=triangles)
+    walls = Mesh(name="walls", material=0, vertices=vertices * scale + shift, triangles=triangles.astype(np.int32))
     eye, aim = shift + np.array((-0.5, 0.1, 0.2)) * scale, shift + np.array((0.9, 0.3, -0.2)) * scale
-    flux = tuple(10.0 * scale**2 for _ in range(3))
-    return _scene(walls, camera=Camera(tuple(eye), tuple(aim), (0, 1, 0), 70), lights=(PointLight(tuple(shift), flux),))
+    flux = 10.0 * scale**2
+    return _scene(
+        walls,
+        camera=Camera(tuple(eye), tuple(aim), (0, 1, 0), 70),
+        lights=(PointLight(tuple(shift), (flux, flux, flux)),),
+    )
 
 
 def _rooms(paint: Paint, placements: list[tuple[float, float]]) -> float:
     """Share of the pixels that are more than 1 % off the same room of size 1 around the origin."""
     wrong = []
-    for mesh in (_cube(), icosphere(3)):
+    for mesh in (meshes.cube(), icosphere(3)):
         expected = paint(_room(mesh, 0.0, 1.0), (32, 32), 64, 1)
         for place, scale in placements:
             image = paint(_room(mesh, place, scale), (32, 32), 64, 1)
@@ -114,10 +118,11 @@ def _floor_truth(irradiance: Callable[[Array, Array], Array], camera: Camera) ->
     return tracer.pixel_average(camera, SIZE, radiance, 8)
 
 
-def _bias(paint: Paint, scene: Scene, truth: Array, spp: int) -> float:
-    """Relative error of the picture's mean, so far as 16 replicates prove it: less three of their standard errors."""
-    errors = np.array([(paint(scene, SIZE, spp, seed) / truth - 1).mean() for seed in range(REPLICATES)])
-    return max(0.0, abs(errors.mean()) - 3 * errors.std(ddof=1) / np.sqrt(REPLICATES))
+def _bias(paint: Paint, scene: Scene, truth: Array, quick: bool) -> float:
+    """Relative error of the picture's mean, so far as replicates prove it: less three of their standard errors."""
+    spp, seeds = (256, range(4)) if quick else (4096, range(16))
+    errors = np.array([(paint(scene, SIZE, spp, seed) / truth - 1).mean() for seed in seeds])
+    return max(0.0, float(abs(errors.mean()) - 3 * errors.std(ddof=1) / np.sqrt(len(errors))))
 
 
 FLOOR = Rectangle(name="floor", center=(0, 0, 0), edge1=(40, 0, 0), edge2=(0, 40, 0), material=0)
@@ -127,7 +132,11 @@ CAMERA = Camera((0, -0.5, 0.7), (0, 0, 0), (0, 0, 1), 60)
 def _point_light(paint: Paint, quick: bool) -> float:
     bulb = PointLight((0.3, 0.4, 1.5), (5.0, 6.0, 7.0))
     truth = _floor_truth(lambda p, n: analytic.point_irradiance(p, n, bulb.position, bulb.flux), CAMERA)
-    return _bias(paint, _scene(FLOOR, camera=CAMERA, lights=(bulb,)), truth, 256 if quick else 4096)
+    return _bias(paint, _scene(FLOOR, camera=CAMERA, lights=(bulb,)), truth, quick)
+
+
+def _lit(lamp: Array, points: Array, normals: Array) -> Array:
+    return np.asarray(analytic.polygon_irradiance(points, normals, lamp)[:, None] * RADIANCE)
 
 
 def _lamps(paint: Paint, quick: bool) -> float:
@@ -135,10 +144,10 @@ def _lamps(paint: Paint, quick: bool) -> float:
     worst = 0.0
     for solid_angle in (1.0, 1e-3, 1e-6, 1e-9):
         half = float(np.sqrt(solid_angle))
-        lamp = Rectangle(name="lamp", center=(0, 0, 2), edge1=(2 * half, 0, 0), edge2=(0, -2 * half, 0), radiance=(1.0, 2.0, 3.0))
-        corners = np.array([(-half, half, 2), (half, half, 2), (half, -half, 2), (-half, -half, 2)])
-        truth = _floor_truth(lambda p, n, c=corners: analytic.polygon_irradiance(p, n, c)[:, None] * (1.0, 2.0, 3.0), CAMERA)
-        worst = max(worst, _bias(paint, _scene(FLOOR, lamp, camera=CAMERA), truth, 256 if quick else 4096))
+        edges = (2 * half, 0, 0), (0, -2 * half, 0)
+        lamp = Rectangle(name="lamp", center=(0, 0, 2), edge1=edges[0], edge2=edges[1], radiance=RADIANCE)
+        truth = _floor_truth(partial(_lit, rectangle_corners(lamp)), CAMERA)
+        worst = max(worst, _bias(paint, _scene(FLOOR, lamp, camera=CAMERA), truth, quick))
     return worst
 
 

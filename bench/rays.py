@@ -28,12 +28,15 @@ Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
 def run(quick: bool, repeats: int) -> Outcome:
     """Millions of rays per second of every tracer that is installed."""
     side = 512 if quick else 1024
-    rows, figures, data = [], {}, {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, float] = {}
+    data = {}
     for label, name in SCENES.items():
         print(f"rays: {label}", file=sys.stderr)
         scene = shipped(name)
         mesh = soup(scene)
-        for kind, rays in (("coherent", camera_rays(scene.camera, side)), ("incoherent", random_rays(mesh[0], side**2))):
+        beams = {"coherent": camera_rays(scene.camera, side), "incoherent": random_rays(mesh[0], side**2)}
+        for kind, rays in beams.items():
             seconds = _measure(mesh, rays, kind == "coherent", repeats)
             for query in QUERIES:
                 of = {who: seconds[who, query] for who in (KERNEL, WHOLE, MITSUBA, EMBREE) if (who, query) in seconds}
@@ -42,11 +45,16 @@ def run(quick: bool, repeats: int) -> Outcome:
                 figures |= {f"{key}, {who} Mrays/s": row[who] for who in of}
                 if MITSUBA in of:
                     figures[f"{key}, kernel / Mitsuba"] = paired_ratio(of[KERNEL], of[MITSUBA])
-                rows.append((key, *(number(row.get(who)) for who in (KERNEL, WHOLE, MITSUBA, EMBREE)),
-                             number(figures.get(f"{key}, kernel / Mitsuba"))))
+                rows.append(
+                    (
+                        key,
+                        *(number(row.get(who)) for who in (KERNEL, WHOLE, MITSUBA, EMBREE)),
+                        number(figures.get(f"{key}, kernel / Mitsuba")),
+                    )
+                )
     notes = (
-        f"{side**2:,} rays, {repeats} interleaved repetitions, medians. Coherent: camera rays in {TILE}×{TILE} tiles; incoherent: "
-        "uniform origins in the room, uniform directions.",
+        f"{side**2:,} rays, {repeats} interleaved repetitions, medians. Coherent: camera rays in {TILE}×{TILE} tiles; "
+        "incoherent: uniform origins in the room, uniform directions.",
         "Kernel: rays and hits stay on the device, as Mitsuba's do. Whole: float64 numpy in and out, with the checks. "
         "Embree through embreex traces one ray at a time on one core, with float32 numpy in and out.",
     )
@@ -70,7 +78,7 @@ def _measure(mesh: Any, rays: Rays, coherent: bool, repeats: int) -> dict[Any, l
         jobs[MITSUBA, "any"] = lambda _: peers_mitsuba.occluded(scene, beams, coherent)
     if peers_embree.version():
         embree = peers_embree.ray_scene(*mesh)
-        single = tuple(np.float32(array) for array in rays)
+        single = rays[0].astype(np.float32), rays[1].astype(np.float32)
         jobs[EMBREE, "closest"] = lambda _: peers_embree.closest(embree)(*single)
         jobs[EMBREE, "any"] = lambda _: peers_embree.occluded(embree, *single)
     return interleaved(jobs, repeats, lambda name, result: None)
@@ -82,13 +90,14 @@ def _kernel_jobs(tracer: pyrt.RayTracer, rays: Rays) -> dict[Any, Callable[[int]
 
     count = len(rays[0])
     batch = tracer._normalised(_Rays.make(*rays, np.inf))[0]
-    device = tracer._device
+    device, mesh = tracer._device, tracer._scene
     uploaded, tuv, ids = device.upload("rays", batch), device.allocate(12 * count), device.allocate(4 * count)
 
     def job(kernel: str, *outputs: Any) -> Callable[[int], Any]:
-        return lambda _: device.run(tracer._kernels[kernel], count, np.uint32(count), *tracer._scene, uploaded, *outputs)
+        return lambda _: device.run(tracer._kernels[kernel], count, np.uint32(count), *mesh, uploaded, *outputs)
 
-    return {(KERNEL, "closest"): job("trace_closest", tuv, ids), (KERNEL, "any"): job("trace_any", device.allocate(count))}
+    found = device.allocate(count)
+    return {(KERNEL, "closest"): job("trace_closest", tuv, ids), (KERNEL, "any"): job("trace_any", found)}
 
 
 def camera_rays(camera: Camera, side: int) -> Rays:

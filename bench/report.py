@@ -88,8 +88,8 @@ def markdown(table: Table, about: Mapping[str, Any]) -> str:
     widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
 
     def line(row: Sequence[str]) -> str:
-        padded = [cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))]
-        return f"| {' | '.join(padded)} |"
+        first, *rest = zip(row, widths, strict=True)
+        return f"| {' | '.join([first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in rest)])} |"
 
     rule = "|" + "|".join("-" * (w + 2) if i == 0 else "-" * (w + 1) + ":" for i, w in enumerate(widths)) + "|"
     notes = [f"* {note}" for note in table.notes]

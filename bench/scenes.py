@@ -43,12 +43,24 @@ def clutter(seed: int) -> Scene:
         edges = random.normal(size=(2, 3)) * 0.2
         board = {"type": "rectangle", "edge1": edges[0].tolist(), "edge2": edges[1].tolist()}
         ball = {"type": "icosphere", "radius": float(random.uniform(0.03, 0.2)), "subdivisions": 3, "smooth": True}
-        raw["objects"].append({**(board if random.random() < 0.5 else ball), "center": center,
-                               "material_name": colors[random.integers(3)]})
+        raw["objects"].append(
+            {
+                **(board if random.random() < 0.5 else ball),
+                "center": center,
+                "material_name": colors[random.integers(3)],
+            }
+        )
     lamps = [([-0.5, 1.95, 0.2], 0.5, [20, 16, 12]), ([0.6, 1.9, -0.4], 0.2, [20, 30, 60])]
     for center, side, radiance in lamps:
-        raw["objects"].append({"type": "rectangle", "center": center, "edge1": [side, 0, 0], "edge2": [0, 0, side],
-                               "light": {"radiance": radiance}})
+        raw["objects"].append(
+            {
+                "type": "rectangle",
+                "center": center,
+                "edge1": [side, 0, 0],
+                "edge2": [0, 0, side],
+                "light": {"radiance": radiance},
+            }
+        )
     raw["lights"] = [{"type": "point", "position": [0.1, 1.7, 0.9], "flux": [9, 9, 9]}]
     return load_scene(raw, base_dir=FOLDER)
 

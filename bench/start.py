@@ -62,16 +62,26 @@ def run(quick: bool, repeats: int) -> Outcome:
             ratio = None
             if theirs:
                 ratio = figures[f"{key}, pyrt / Mitsuba"] = 1 / paired_ratio(ours["seconds"], theirs["seconds"])
-            rows.append((key, number(ours["median"]), number(theirs and theirs["median"]), number(ratio),
-                         number(ours["MiB"]), number(theirs and theirs["MiB"])))
+            rows.append(
+                (
+                    key,
+                    number(ours["median"]),
+                    number(theirs and theirs["median"]),
+                    number(ratio),
+                    number(ours["MiB"]),
+                    number(theirs and theirs["MiB"]),
+                )
+            )
     columns = ("whole process", "pyrt s", "Mitsuba s", "pyrt / Mitsuba", "pyrt MiB", "Mitsuba MiB")
-    notes = ("Wall time from an interpreter that is not running yet to EXR and PNG on disk; cold: with empty caches of "
-             "compiled kernels, warm: with full ones. Peak resident memory.",)
+    notes = (
+        "Wall time from an interpreter that is not running yet to EXR and PNG on disk; cold: with empty caches of "
+        "compiled kernels, warm: with full ones. Peak resident memory.",
+    )
     return Outcome((Table("Start to finish", columns, tuple(rows), notes),), figures, data)
 
 
 def _measure(work: Work, repeats: int) -> dict[str, dict[str, Any]]:
-    """By cache state and renderer: seconds, their median, and peak MiB. Each pair of cold and warm runs shares a cache."""
+    """By cache state and renderer: seconds, their median, and peak MiB. A cold and a warm run share a cache."""
     found: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         commands = _commands(work, Path(folder))
@@ -96,7 +106,8 @@ def _commands(work: Work, folder: Path) -> dict[str, list[str]]:
     size, spp = f"--size={work.side}x{work.side}", str(work.spp)
     outputs = ["-o", str(folder / "ours.exr"), "-o", str(folder / "ours.png")]
     scene_file = str(FOLDER / f"{work.name}.json")
-    commands = {"pyrt": [sys.executable, "-m", "pyrt", "render", scene_file, "-q", "--spp", spp, size, *settings, *outputs]}
+    pyrt = [sys.executable, "-m", "pyrt", "render", scene_file, "-q"]
+    commands = {"pyrt": [*pyrt, f"--spp={spp}", size, *settings, *outputs]}
     if peers_mitsuba.version():
         xml = peers_mitsuba.write_scene(work.scene(), (work.side, work.side), folder)
         arguments = [peers_mitsuba.variant(), str(xml), spp, str(folder / "theirs")]
@@ -106,8 +117,13 @@ def _commands(work: Work, folder: Path) -> dict[str, list[str]]:
 
 def _timed(command: list[str], folder: Path, cache: Path) -> tuple[float, float]:
     """Wall seconds and peak MiB of a process whose caches are in `cache`: PoCL's, pyrt's, and (below HOME) Dr.Jit's."""
-    environment = {**os.environ, "POCL_CACHE_DIR": str(cache), "XDG_CACHE_HOME": str(cache), "HOME": str(cache),
-                   "PYTHONPATH": str(ROOT)}
+    environment = {
+        **os.environ,
+        "POCL_CACHE_DIR": str(cache),
+        "XDG_CACHE_HOME": str(cache),
+        "HOME": str(cache),
+        "PYTHONPATH": str(ROOT),
+    }
     start = perf_counter()
     process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     assert process.stderr

@@ -100,9 +100,13 @@ INLINE float sample_solid_angle(float3 to, float3 e1, float3 e2, float height, f
     if (!(solid_angle > 0.05f))
         return 0.0f;
 
-    float angle = fma1(u.x, solid_angle, 2.0f * PI - corner.z - corner.w);
-    float f = (cos(angle) * cosine.x - cosine.z) / sin(angle);
-    float x = copysign1(height / sqrt1(max1(fma1(f, f, -sine2.x), 1e-30f)), f);
+    float half_angle = 0.5f * fma1(u.x, solid_angle, 2.0f * PI - corner.z - corner.w);
+    float sn = sin(half_angle), cs = cos(half_angle);
+    float product = cosine.x * cosine.z;
+    float rest = (sine2.x + cosine.x * cosine.x * sine2.z) / (1.0f + abs1(product)); /* 1 - |product|, without cancellation */
+    float g = product < 0.0f ? 2.0f * cs * cs - rest : rest - 2.0f * sn * sn; /* cosine of the angle - product */
+    float x = height * 2.0f * sn * cs / sqrt1(max1(fma1(g, g, -sine2.x * sine2.z), 1e-37f));
+    x *= copysign1(1.0f, fma1(fma1(cs, cs, -sn * sn), cosine.x, -cosine.z));
     x = min1(max1(x, low.x), high.x);
     float d2 = fma1(x, x, h2);
     float v = lerp1(low.y / sqrt1(fma1(low.y, low.y, d2)), high.y / sqrt1(fma1(high.y, high.y, d2)), u.y);

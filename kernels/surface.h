@@ -22,11 +22,9 @@ typedef struct {
 
 INLINE float3 triangle_point(const global Triangle *tri, const Hit *hit)
 {
-    float u = max1(hit->u, EDGE_MARGIN), v = max1(hit->v, EDGE_MARGIN);
-    float excess = max1(u + v - (1.0f - EDGE_MARGIN), 0.0f);
-    u = fma1(excess, -0.5f, u);
-    v = fma1(excess, -0.5f, v);
-    return madd3(load3(tri->e2), v, madd3(load3(tri->e1), u, load3(tri->v0)));
+    float u = max1(hit->u, EDGE_MARGIN), v = max1(hit->v, EDGE_MARGIN), w = max1(1.0f - hit->u - hit->v, EDGE_MARGIN);
+    float inv_sum = 2.0f - (u + v + w); /* the sum is near 1 */
+    return madd3(load3(tri->e2), v * inv_sum, madd3(load3(tri->e1), u * inv_sum, load3(tri->v0)));
 }
 
 INLINE Surface triangle_surface(const Scene *scene, const Hit *hit)

@@ -18,13 +18,15 @@ def render(
     spp: int | None = None,
     seed: int = 0,
     size: tuple[int, int] | None = None,
+    noise: float | None = None,
+    time_limit: float | None = None,
     device: str | int | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Renders a scene, a dict in the scene format, or a scene file. Arguments as for `Renderer` and `Renderer.render`."""
+    """Renders a scene, a dict in the scene format, or a scene file. Arguments as for `Renderer` and its `render`."""
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
-    return Renderer(scene, device, progress=progress).render(spp, seed, size)
+    return Renderer(scene, device, progress=progress).render(spp, seed, size, noise=noise, time_limit=time_limit)
 
 
 __all__ = ["Hits", "RayTracer", "Renderer", "Result", "load_scene", "render"]

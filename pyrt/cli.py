@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from pyrt.scene import Scene
 
 _EXIT_CODES = """exit codes:
-  0 done   1 rendering failed   2 wrong usage   3 invalid scene   4 no usable OpenCL device   130 interrupted"""
+  0 done   1 rendering failed   2 wrong usage   3 invalid scene   4 no usable OpenCL device
+  5 stopped by a limit before the noise target, with a valid picture   130 interrupted"""
+_STOPPED = 5
 
 _RENDER_EXAMPLES = """examples:
   pyrt render scenes/cornell.json                        writes cornell.exr and cornell.png
@@ -57,7 +59,9 @@ def _render(args: argparse.Namespace) -> int:
         outputs = args.output or [f"{scene.name}.exr", f"{scene.name}.png"]
         _check_outputs(outputs, args.no_clobber)
         renderer = Renderer(scene, args.device, progress=progress)
-        result = renderer.render(args.spp, args.seed, args.size, progress=progress)
+        result = renderer.render(
+            args.spp, args.seed, args.size, noise=args.noise, time_limit=args.time, progress=progress
+        )
     for path in outputs:
         for warning in result.save(path, exposure=args.exposure):
             print(f"warning: {warning}", file=sys.stderr)
@@ -65,7 +69,8 @@ def _render(args: argparse.Namespace) -> int:
         _write_stats(args.stats, result)
     if not args.quiet:
         _summarise(result, outputs)
-    return 0
+    reached = result.stats["noise"]
+    return _STOPPED if args.noise is not None and (reached is None or reached > args.noise) else 0
 
 
 def _info(args: argparse.Namespace) -> int:
@@ -88,9 +93,8 @@ def _devices(args: argparse.Namespace) -> int:
     for device in list_devices():
         mark = "*" if device.index == default.index else " "
         size = f"{device.compute_units} compute units, {device.memory / 2**30:.1f} GiB"
-        print(
-            f"{mark} {device.index}: {device.kind}  {device.name}\n      {device.platform}, {device.version}\n      {size}"
-        )
+        print(f"{mark} {device.index}: {device.kind}  {device.name}")
+        print(f"      {device.platform}, {device.version}\n      {size}")
     return 0
 
 
@@ -142,8 +146,9 @@ def _summarise(result: Result, outputs: list[str]) -> None:
         if count:
             print(f"warning: {count} {what} were left out", file=sys.stderr)
     rate = stats["samples"] / max(seconds["render"], 1e-9) / 1e6
+    noise = "" if stats["noise"] is None else f", estimated error {stats['noise']:.2g}"
     print(
-        f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] // (width * height)} spp, "
+        f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] / (width * height):.4g} spp{noise}, "
         f"{seconds['render']:.2f} s at {rate:.1f} M samples/s on {stats['device']}",
         file=sys.stderr,
     )
@@ -154,6 +159,14 @@ def _size(text: str) -> tuple[int, int]:
     if not (cross and width.isdigit() and height.isdigit()):
         raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT such as 640x480, got "{text}"')
     return int(width), int(height)
+
+
+def _seconds(text: str) -> float:
+    number, unit = (text[:-1], text[-1]) if text[-1:] in ("s", "m", "h") else (text, "s")
+    try:
+        return float(number) * {"s": 1, "m": 60, "h": 3600}[unit]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected a time such as 90, 90s, 5m or 2h, got "{text}"') from None
 
 
 def _setting(text: str) -> tuple[str, Any]:
@@ -199,6 +212,10 @@ def _parser() -> argparse.ArgumentParser:
         "may be repeated (default: SCENE.exr and SCENE.png in the current folder)",
     )
     render.add_argument("--spp", type=int, metavar="N", help="samples per pixel (default: the scene's)")
+    render.add_argument(
+        "--noise", type=float, metavar="E", help="stop at this estimated relative error (r.m.s.), such as 0.01"
+    )
+    render.add_argument("--time", type=_seconds, metavar="T", help="stop after this time: 90, 90s, 5m or 2h")
     render.add_argument("--size", type=_size, metavar="WxH", help="picture size in pixels (default: the scene's)")
     render.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the sample points (default: 0)")
     render.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")

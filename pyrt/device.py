@@ -188,7 +188,7 @@ class Device:
 
 @contextmanager
 def _include_option(folder: Path) -> Iterator[str]:
-    """The compiler's -I option for the folder. Not every compiler takes a path with spaces: those get a link without."""
+    """The compiler's -I option for the folder. Not every compiler takes a path with spaces: then a link without."""
     if " " not in str(folder):
         yield f"-I{folder}"
         return

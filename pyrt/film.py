@@ -54,7 +54,7 @@ class Film:
         _tree_sums(run, sums, scratch[..., : run.shape[2]])
         if np.isfinite(sums).all():
             return
-        finite: NDArray[np.bool_] = np.isfinite(run).all(axis=1)
+        finite = np.asarray(np.isfinite(run).all(axis=1))
         lost = (~finite).sum(axis=0, dtype=np.uint32)
         self.count[first_pixel : first_pixel + len(lost)] -= lost
         self.dropped += int(lost.sum())
@@ -72,26 +72,27 @@ class Film:
         strips = [self.strips[first] for first in sorted(self.strips)]
         return {key: np.concatenate([nodes[key] for nodes in strips], axis=2) for key in (strips[0] if strips else ())}
 
-    def _totals(self) -> Sums:
-        """Sums of all samples: the nodes from the first sample on."""
+    def totals(self) -> Sums:
+        """(2, 3, pixels): sums of all samples and of their squares, the nodes added from the first sample on. Of a film that
+        was filled only in part, the pixels of its first strips."""
         nodes = self._joined()
-        total = np.zeros((2, 3, len(self.count)))
+        total = np.zeros((2, 3, next(iter(nodes.values())).shape[2] if nodes else len(self.count)))
         for key in sorted(nodes, key=lambda key: key[1] << key[0]):
             total += nodes[key]
         return total
 
-    def mean(self) -> NDArray[np.float64]:
-        """(3, pixels): the average of each pixel's samples; 0 where there are none."""
-        mean: NDArray[np.float64] = self._totals()[0] / np.maximum(self.count, 1)
-        return mean
 
-    def variance(self) -> NDArray[np.float64]:
-        """(3, pixels): estimated variance of the mean as if the samples were independent. Stratification makes the true
-        variance smaller, so this is an upper estimate. 0 with fewer than two samples."""
-        total, squares = self._totals()
-        n = np.maximum(self.count, 2).astype(np.float64)
-        spread = np.maximum(squares - total * total / n, 0.0)
-        return np.where(self.count > 1, spread / (n * (n - 1)), 0.0)
+def mean(sums: Sums, count: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """(3, pixels): the average of each pixel's samples; 0 where there are none."""
+    return np.asarray(sums[0] / np.maximum(count, 1))
+
+
+def variance(sums: Sums, count: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """(3, pixels): estimated variance of the mean as if the samples were independent. Stratification makes the true
+    variance smaller, so this is an upper estimate. 0 with fewer than two samples."""
+    n = np.maximum(count, 2).astype(np.float64)
+    spread = np.maximum(sums[1] - sums[0] * sums[0] / n, 0.0)
+    return np.where(count > 1, spread / (n * (n - 1)), 0.0)
 
 
 def _aligned_ranges(first: int, count: int) -> Iterator[tuple[int, int]]:

@@ -79,14 +79,26 @@ def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(m,) bool for (m, 3, 3) corners: finite, within the limit, and neither a line nor a point."""
     flat = corners.reshape(len(corners), 9)
     valid = np.asarray((np.abs(flat) < COORDINATE_LIMIT).all(axis=1))  # NaN compares false
-    safe = np.where(valid[:, None, None], corners, 0.0)
-    edges = safe[:, 1:] - safe[:, :1]
-    size = np.abs(edges).max(axis=(1, 2), initial=0.0)  # divided out, so that no tiny triangle's area is 0
-    e1, e2 = (edges / np.where(size > 0.0, size, 1.0)[:, None, None]).transpose(1, 0, 2)
+    e1, e2, _ = scaled_edges(np.where(valid[:, None, None], corners, 0.0))
     area = np.linalg.norm(np.cross(e1, e2), axis=1)
     longest = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
     return np.asarray(valid & (area > _DEGENERATE * longest))
 
+
+def scaled_edges(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Both edges at v0 of (m, 3, 3) triangles, divided by the third result, their largest coordinate (m,): so that no
+    tiny triangle's area is 0."""
+    edges = corners[:, 1:] - corners[:, :1]
+    size = np.abs(edges).max(axis=(1, 2), initial=0.0)
+    e1, e2 = (edges / np.where(size > 0.0, size, 1.0)[:, None, None]).transpose(1, 0, 2)
+    return e1, e2, size
+
+
+def triangle_normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, 3) unit normals of valid (m, 3, 3) triangles."""
+    e1, e2, _ = scaled_edges(corners)
+    n = np.cross(e1, e2)
+    return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
 
 def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normalisation:
     """Centre and scale for the given (n, 3) points and spheres.
@@ -115,16 +127,23 @@ def unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(scaled / np.linalg.norm(scaled))
 
 
-def rounding_offset(
-    v0: NDArray[np.float64], e1: NDArray[np.float64], e2: NDArray[np.float64], n: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """How far to move a hit point v0 + u·e1 + v·e2 along n, float32, to be surely off the triangle. Arrays (…, 3).
+def largest_edge(corners: NDArray[np.float64]) -> float:
+    """The largest coordinate difference along any edge at v0 of the (m, 3, 3) triangles."""
+    return float(np.abs(corners[:, 1:] - corners[:, :1]).max(initial=0.0))
 
-    On each axis the point is off by at most half an ulp of v0 and three roundings of the edges; twice that clears both
-    the point and the plane as float32 stores it.
+
+def rounding_offset(
+    v0: NDArray[np.float64], e1: NDArray[np.float64], e2: NDArray[np.float64], n: NDArray[np.float64], largest: float
+) -> NDArray[np.float64]:
+    """How far to move a hit point v0 + u·e1 + v·e2 along n so that no ray that leaves can meet the triangle, or another
+    one in the same plane. Arrays (…, 3), and the `largest` edge in the scene.
+
+    In float32 each coordinate of the point is off by one rounding of the stored corners, two of the sum, and one of the
+    move; only the part along n counts. The test of a ray rounds the places of a triangle's corners as seen from the
+    point, in the ray's own frame: as far as the largest triangle reaches.
     """
-    error = _ULP * (np.abs(v0) + 3.0 * (np.abs(e1) + np.abs(e2)))
-    return np.asarray(2.0 * (error * np.abs(n)).sum(axis=-1))
+    reach = np.abs(e1) + np.abs(e2)
+    return np.asarray(4.0 * _ULP * (((np.abs(v0) + reach) * np.abs(n)).sum(axis=-1) + largest))
 
 
 def sphere_offset(center: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -101,7 +101,8 @@ def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
         table = srgb_to_linear(values) if colorspace == "srgb" else values
         decoded: Image = table.astype(np.float32)[stored]
         return decoded
-    return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
+    with np.errstate(over="ignore"):  # infinite then, which the caller checks
+        return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
 
 
 def check_output(path: str | os.PathLike[str]) -> None:

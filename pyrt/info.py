@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pyrt.features import feature_table
 from pyrt.pack import pack_scene
-from pyrt.renderer import PASS_SAMPLES
+from pyrt.passes import PASS_SAMPLES
 from pyrt.scene import Scene
 
 _BYTES_PER_SAMPLE = 12  # radiance of one pass, in float32
@@ -16,13 +16,14 @@ def scene_report(scene: Scene) -> str:
     report = pack_scene(scene).report
     width, height = scene.film.width, scene.film.height
     host = width * height * _BYTES_PER_PIXEL + min(PASS_SAMPLES, width * height * scene.spp) * _BYTES_PER_SAMPLE
+    mib = {"scene": report["bytes"] / 2**20, "picture": host / 2**20}
     lines = [
         f"scene      {scene.name}: {width}x{height}, {scene.spp} spp, at most {scene.max_depth} specular events",
         f"geometry   {report['triangles']:,} triangles, {report['spheres']:,} spheres",
         f"lights     {report['lights']:,}",
         f"texels     {report['texels']:,}",
         f"tree       {report['nodes']:,} nodes, {report['blocks']:,} blocks, depth {report['depth']}",
-        f"memory     about {(report['bytes'] + host) / 2**20:.0f} MiB ({report['bytes'] / 2**20:.1f} scene, {host / 2**20:.1f} picture)",
+        f"memory     about {sum(mib.values()):.0f} MiB ({mib['scene']:.1f} scene, {mib['picture']:.1f} picture)",
     ]
     if report["dropped_triangles"]:
         lines.append(f"dropped    {report['dropped_triangles']:,} triangles without area or with bad coordinates")

@@ -14,9 +14,11 @@ from pyrt.geometry import (
     Normalisation,
     Triangles,
     gather_triangles,
+    largest_edge,
     normalisation,
     rounding_offset,
     sphere_offset,
+    triangle_normals,
     unit,
 )
 from pyrt.layout import constants, dtypes
@@ -37,6 +39,8 @@ from pyrt.scene import (
 )
 from pyrt.tree import build_tree
 
+# Its square has to fit float32. Beyond, a ray leaves along the normal or is reflected, as far as float32 can tell.
+_ETA_RANGE = (2.0**-32, 2.0**32)
 
 @dataclass(frozen=True)
 class PackedScene:
@@ -101,7 +105,7 @@ def pack_camera(packed: PackedScene, camera: Camera, width: int, height: int) ->
     just before the box, so that float32 need not hold the distance."""
     position = packed.space.apply(np.asarray(camera.position))
     forward = unit(np.subtract(camera.look_at, camera.position))
-    right = unit(np.cross(forward, np.asarray(camera.up, np.float64)))
+    right = unit(np.cross(forward, unit(np.asarray(camera.up, np.float64))))
     up = np.cross(right, forward)
     pixel = 2 * np.tan(np.radians(camera.fov) / 2) / height
     dx, dy = right * pixel, -up * pixel
@@ -109,8 +113,9 @@ def pack_camera(packed: PackedScene, camera: Camera, width: int, height: int) ->
     nearest = -position @ forward - packed.bound @ np.abs(forward)
     advance = max(0.0, nearest - 2.0**-8)
     out = np.zeros((), dtypes()["Camera"])
-    out["origin"] = position + advance * corner
-    out["origin_dx"], out["origin_dy"] = advance * dx, advance * dy
+    with np.errstate(over="ignore"):  # from farther than float32 reaches, nothing is seen: such a ray misses
+        out["origin"] = position + advance * corner
+        out["origin_dx"], out["origin_dy"] = advance * dx, advance * dy
     out["direction"], out["direction_dx"], out["direction_dy"] = corner, dx, dy
     return out
 
@@ -139,13 +144,11 @@ def _pack_triangles(
     light_of_shape: NDArray[np.int32],
 ) -> NDArray[Any]:
     v0, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    scale = np.maximum(np.abs(e1).max(axis=1), np.abs(e2).max(axis=1))[:, None]  # keeps tiny areas from underflow
-    n = np.cross(e1 / scale, e2 / scale)
-    n /= np.linalg.norm(n, axis=1)[:, None]
+    n = triangle_normals(triangles.corners)  # far from the centre, normalised edges may have lost theirs
     material_of_shape = np.array([_material(s) for s in scene.shapes], np.int32)
     out = np.empty(len(corners), dtypes()["Triangle"])
     out["v0"], out["e1"], out["e2"], out["n"] = v0, e1, e2, n
-    out["offset"] = rounding_offset(v0, e1, e2, n)
+    out["offset"] = rounding_offset(v0, e1, e2, n, largest_edge(corners))
     out["material"] = material_of_shape[triangles.shape]
     out["light"] = light_of_shape[triangles.shape]
     out["corners"] = corner_index
@@ -209,9 +212,10 @@ def _pack_materials(scene: Scene) -> NDArray[Any]:
                 material.twosided,
             )
         elif isinstance(material, Refraction):
-            row["kind"], row["eta"] = kinds["MATERIAL_REFRACTION"], material.eta
+            row["kind"], row["eta"] = kinds["MATERIAL_REFRACTION"], np.clip(material.eta, *_ETA_RANGE)
         elif isinstance(material, Dielectric):
-            row["kind"], row["eta"] = kinds["MATERIAL_DIELECTRIC"], material.ext_ior / material.int_ior
+            eta = material.ext_ior / material.int_ior
+            row["kind"], row["eta"] = kinds["MATERIAL_DIELECTRIC"], np.clip(eta, *_ETA_RANGE)
     return out
 
 

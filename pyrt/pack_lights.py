@@ -7,10 +7,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.geometry import Normalisation, Triangles, rectangle_corners, rounding_offset, sphere_offset, unit
+from pyrt.geometry import (
+    Normalisation,
+    Triangles,
+    largest_edge,
+    rectangle_corners,
+    rounding_offset,
+    scaled_edges,
+    sphere_offset,
+    unit,
+)
 from pyrt.layout import constants, dtypes
 from pyrt.scene import PointLight, Rectangle, Scene, Sphere
 
+# Extents to the scene. A point light beyond is moved in to this distance and dimmed, so that the light in the scene is the
+# same to float32's precision, and no square of a distance overflows.
+_FARTHEST = 2.0**24
 
 def pack_lights(
     scene: Scene, triangles: Triangles, corners: NDArray[np.float64], space: Normalisation
@@ -27,9 +39,9 @@ def pack_lights(
             if isinstance(shape, Sphere):
                 row = _sphere_light(shape, sphere_id, space)
             elif isinstance(shape, Rectangle):
-                row = _rectangle_light(shape, mine, space)
+                row = _rectangle_light(shape, mine, corners, space)
             else:
-                row, cdf = _mesh_light(mine, corners[mine], sum(len(c) for c in cdfs))
+                row, cdf = _mesh_light(mine, triangles.corners[mine], sum(len(c) for c in cdfs))
                 cdfs.append(cdf)
             row["emission"] = shape.radiance
             rows.append(row)
@@ -46,19 +58,25 @@ def _light_row(kind: str, first: int, count: int) -> NDArray[Any]:
 
 def _point_light(light: PointLight, space: Normalisation) -> NDArray[Any]:
     row = _light_row("LIGHT_POINT", 0, 0)
-    row["position"] = space.apply(np.asarray(light.position))
-    row["emission"] = np.asarray(light.flux) / (4 * np.pi) * space.scale * space.scale
+    position = space.apply(np.asarray(light.position))
+    nearer = min(1.0, _FARTHEST / max(float(np.abs(position).max()), 1.0))
+    row["position"] = position * nearer
+    with np.errstate(over="ignore"):
+        intensity = np.asarray(light.flux) / (4 * np.pi) * (space.scale * nearer) * (space.scale * nearer)
+    row["emission"] = np.minimum(intensity, np.finfo(np.float32).max)
     return row
 
 
-def _rectangle_light(shape: Rectangle, mine: NDArray[np.intp], space: Normalisation) -> NDArray[Any]:
+def _rectangle_light(
+    shape: Rectangle, mine: NDArray[np.intp], corners: NDArray[np.float64], space: Normalisation
+) -> NDArray[Any]:
     row = _light_row("LIGHT_RECTANGLE", int(mine[0]), len(mine))
-    corners = space.apply(rectangle_corners(shape))
+    low = space.apply(rectangle_corners(shape))[0]
     e1, e2 = np.asarray(shape.edge1) * space.scale, np.asarray(shape.edge2) * space.scale
-    normal = np.cross(e1, e2)
-    row["position"], row["edge1"], row["edge2"], row["n"] = corners[0], e1, e2, unit(normal)
-    row["area"] = np.linalg.norm(normal)
-    row["offset"] = rounding_offset(corners[0], e1, e2, unit(normal))
+    normal = np.cross(unit(e1), unit(e2))  # of unit vectors, for that of tiny ones is 0
+    row["position"], row["edge1"], row["edge2"], row["n"] = low, e1, e2, unit(normal)
+    row["area"] = np.linalg.norm(e1) * np.linalg.norm(e2) * np.linalg.norm(normal)
+    row["offset"] = rounding_offset(low, e1, e2, unit(normal), largest_edge(corners))
     return row
 
 
@@ -67,7 +85,8 @@ def _mesh_light(
 ) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     row = _light_row("LIGHT_MESH", int(mine[0]), len(mine))
     row["cdf"] = first
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    e1, e2, size = scaled_edges(corners)
+    areas = np.linalg.norm(np.cross(e1, e2), axis=1) * (size / size.max()) ** 2
     cumulative = np.round(np.cumsum(areas) / areas.sum() * 2.0**32)
     return row, np.minimum(cumulative, 2.0**32 - 1).astype(np.uint32)
 

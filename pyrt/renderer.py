@@ -1,4 +1,4 @@
-"""Passes of bounded memory over (pixels × samples), and the result they add up to."""
+"""A scene on a device, and the pictures that it renders."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.device import LOCAL_SIZE, Device
+from pyrt import film
+from pyrt.adaptive import FIRST_SAMPLES, Refined, refine
+from pyrt.device import Device
 from pyrt.errors import UsageError
 from pyrt.features import build_options, feature_table
-from pyrt.film import Film
 from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
+from pyrt.passes import PASS_SAMPLES, SampleTracer, Tally, tiled_pixels
 from pyrt.scene import Scene
 
-PASS_SAMPLES = 1 << 21  # samples of one pass, by default: 24 MiB of radiance
-_TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
-_PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
+MAX_SAMPLES = 1 << 16  # of a pixel, where noise or time is the limit and spp is not given
 
 Progress = Callable[[dict[str, Any]], Any]
 
@@ -35,7 +35,8 @@ class Result:
         variance: (height, width, 3) float32, estimated variance of each pixel's mean (an upper estimate, as the samples
             are stratified).
         samples: (height, width) uint32, samples that each pixel's mean holds.
-        stats: seconds per stage, rays traced and skipped, the device, the features compiled in.
+        stats: seconds per stage, rays traced and skipped, the device, the features compiled in, and with a noise target
+            or a time limit the estimated relative error that was reached.
     """
 
     image: NDArray[np.float32]
@@ -95,15 +96,19 @@ class Renderer:
         seed: int = 0,
         size: tuple[int, int] | None = None,
         *,
+        noise: float | None = None,
+        time_limit: float | None = None,
         pass_samples: int = PASS_SAMPLES,
         progress: Progress | None = None,
     ) -> Result:
-        """Renders the scene.
+        """Renders the scene: a fixed number of samples, or until the first limit is reached.
 
         Args:
-            spp: samples per pixel; None takes the scene's.
+            spp: samples per pixel; None takes the scene's. With `noise` or `time_limit`, at most so many (None: 65536).
             seed: of the sample points, 0 … 2^32 − 1.
             size: (width, height) in pixels; None takes the film's.
+            noise: stop when the estimated relative error (root mean square over the picture) is at most this.
+            time_limit: stop after so many seconds, but not before all pixels have 16 samples (or `spp`).
             pass_samples: samples of one pass, which bounds memory; no influence on the image.
             progress: called with a dict after every pass.
 
@@ -112,50 +117,40 @@ class Renderer:
             DeviceError: the device failed.
         """
         width, height = size or (self.scene.film.width, self.scene.film.height)
-        spp = self.scene.spp if spp is None else spp
-        _check_arguments(spp, seed, width, height, pass_samples)
-        progress = progress or self._progress
-        pixels = _tiled_pixels(width, height)
-        film = Film.empty(len(pixels))
-        tally = _Tally()
-        scene_params = self._device.upload("parameters", self._scene_params(width, height))
-        pixel_buffer = self._device.upload("pixels", pixels)
-        passes = _passes(len(pixels), spp, pass_samples)
-        planes = self._device.allocate(4 * max(3 * p["sample_count"] * p["stride"] for p in passes))
-        counts = self._device.allocate(16 * max(_groups(p) for p in passes))
-        beams = self._device.allocate(max(_beams(p) for p in passes) * self._beam_bytes())
-        for params in passes:
-            params["seed"] = seed
-            start = perf_counter()
-            self._trace(params, scene_params, pixel_buffer, beams, planes, counts)
-            tally.render_seconds += perf_counter() - start
-            start = perf_counter()
-            self._reduce(params, planes, counts, film, tally)
-            tally.reduce_seconds += perf_counter() - start
-            progress({"stage": "render", "done": tally.samples / (len(pixels) * spp), "samples": tally.samples})
-        return self._result(film, pixels, width, height, tally)
+        adaptive = noise is not None or time_limit is not None
+        spp = spp if spp is not None else MAX_SAMPLES if adaptive else self.scene.spp
+        _check_arguments(spp, seed, width, height, pass_samples, noise, time_limit)
+        pixels = tiled_pixels(width, height)
+        tally = Tally()
+        deadline = perf_counter() + (time_limit if time_limit is not None else np.inf)
+        report = progress or self._progress
 
-    def _trace(self, params: NDArray[Any], scene_params: Any, pixels: Any, beams: Any, planes: Any, counts: Any) -> None:
-        head = (params.tobytes(), scene_params)
-        if self._beams:
-            arrays = [self._buffers[name] for name in ("nodes", "triangle_blocks", "triangles", "lights")]
-            self._device.run(self._kernels["trace_beams"], _beams(params), *head, *arrays, pixels, beams)
-        self._device.run(
-            self._kernels["render"], _items(params), *head, *self._buffers.values(), pixels, beams, planes, counts
+        def after_pass() -> bool:
+            done = tally.samples / (len(pixels) * spp)
+            report({"stage": "render", "done": done, "samples": tally.samples, "rays": tally.rays})
+            return perf_counter() < deadline or tally.samples < len(pixels) * min(spp, FIRST_SAMPLES)
+
+        tracer = SampleTracer(
+            device=self._device,
+            kernels=self._kernels,
+            buffers=self._buffers,
+            parameters=self._device.upload("parameters", self._scene_params(width, height)),
+            beam_bytes=self._beam_bytes(),
+            seed=seed,
+            pass_samples=pass_samples,
+            tally=tally,
+            after_pass=after_pass,
         )
+        if adaptive:
+            refined = refine(tracer.trace, pixels, noise or 0.0, spp)
+        else:
+            whole, _ = tracer.trace(pixels, 0, spp)
+            refined = Refined(whole.totals(), whole.count, None, whole.dropped)
+        return self._result(refined, pixels, width, height, tally)
 
     def _beam_bytes(self) -> int:
         lights = int(self._packed.params["light_count"])
-        return dtypes()["Candidates"].itemsize * (1 + lights * (lights <= constants()["SHAFT_LIGHTS"]))
-
-    def _reduce(self, params: NDArray[Any], planes: Any, counts: Any, film: Film, tally: _Tally) -> None:
-        shape = (int(params["sample_count"]), 3, int(params["stride"]))
-        with self._device.mapped(planes, shape, np.float32) as array:
-            pixels = int(params["pixel_count"])
-            film.add(array[:, :, :pixels], int(params["first_pixel"]), int(params["first_sample"]))
-        with self._device.mapped(counts, (_groups(params), 4), np.uint32) as array:
-            tally.counts += array.sum(axis=0, dtype=np.int64)
-        tally.samples += _items(params)
+        return self._beams * dtypes()["Candidates"].itemsize * (1 + lights * (lights <= constants()["SHAFT_LIGHTS"]))
 
     def _scene_params(self, width: int, height: int) -> NDArray[Any]:
         params = self._packed.params.copy()
@@ -163,38 +158,36 @@ class Renderer:
         params["camera"] = pack_camera(self._packed, self.scene.camera, width, height)
         return params
 
-    def _result(self, film: Film, pixels: NDArray[np.uint32], width: int, height: int, tally: _Tally) -> Result:
+    def _result(self, refined: Refined, pixels: NDArray[np.uint32], width: int, height: int, tally: Tally) -> Result:
         def picture(planes: NDArray[Any], dtype: type) -> NDArray[Any]:
             out = np.empty((height, width, *planes.shape[:-1]), dtype)
             out[pixels >> 16, pixels & 0xFFFF] = planes.T
             return out
 
+        sums, count = refined.sums, refined.count
+        stats = {**self._stats(tally), "noise": refined.noise}
+        stats["dropped"]["samples"] = refined.dropped
+        mean = film.mean(sums, count)
+        variance = np.minimum(film.variance(sums, count), np.finfo(np.float32).max)  # squares of what float32 holds
+        return Result(picture(mean, np.float32), picture(variance, np.float32), picture(count, np.uint32), stats)
+
+    def _stats(self, tally: Tally) -> dict[str, Any]:
         specular, shadow, dark, clear = (int(n) for n in tally.counts)
-        stats = {
+        return {
             "seconds": {**self._seconds, "render": tally.render_seconds, "reduce": tally.reduce_seconds},
             "samples": tally.samples,
             "rays": {"camera": tally.samples, "specular": specular, "shadow": shadow},
             "skipped": {"shadow_rays_to_dark_lights": dark, "shadow_rays_in_clear_shafts": clear},
-            "dropped": {"samples": film.dropped, "triangles": self._packed.report["dropped_triangles"]},
+            "dropped": {"triangles": self._packed.report["dropped_triangles"]},
             "scene": self._packed.report,
             "device": str(self._device.info),
             "features": {row.macro: row.on for row in self._features},
         }
-        mean, variance = picture(film.mean(), np.float32), picture(film.variance(), np.float32)
-        return Result(mean, variance, picture(film.count, np.uint32), stats)
 
 
-@dataclass
-class _Tally:
-    """What the passes of one render added up to."""
-
-    samples: int = 0
-    render_seconds: float = 0.0
-    reduce_seconds: float = 0.0
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(4, np.int64))
-
-
-def _check_arguments(spp: int, seed: int, width: int, height: int, pass_samples: int) -> None:
+def _check_arguments(
+    spp: int, seed: int, width: int, height: int, pass_samples: int, noise: float | None, time_limit: float | None
+) -> None:
     for name, value, low, high in (
         ("spp", spp, 1, 2**30),
         ("seed", seed, 0, 2**32 - 1),
@@ -204,39 +197,6 @@ def _check_arguments(spp: int, seed: int, width: int, height: int, pass_samples:
     ):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
             raise UsageError(f"{name}: expected a whole number from {low} to {high}, got {value!r}")
-
-
-def _tiled_pixels(width: int, height: int) -> NDArray[np.uint32]:
-    """All pixels as x + 65536 · y, tile by tile."""
-    y, x = np.mgrid[0:height, 0:width].astype(np.uint32)
-    tile = (y // _TILE) * np.uint32(-(-width // _TILE)) + x // _TILE
-    order = np.argsort(tile.ravel(), kind="stable")
-    return np.asarray(((y << np.uint32(16)) | x).ravel()[order])
-
-
-def _passes(pixels: int, spp: int, pass_samples: int) -> list[NDArray[Any]]:
-    """PassParams of each pass: all samples of some pixels, or, if there are too many, a range of them at a time."""
-    sample_step = min(spp, pass_samples)
-    pixel_step = max(1, pass_samples // sample_step)
-    passes = []
-    for first_pixel in range(0, pixels, pixel_step):
-        for first_sample in range(0, spp, sample_step):
-            params = np.zeros((), dtypes()["PassParams"])
-            params["first_pixel"], params["first_sample"] = first_pixel, first_sample
-            params["pixel_count"] = min(pixel_step, pixels - first_pixel)
-            params["sample_count"] = min(sample_step, spp - first_sample)
-            params["stride"] = params["pixel_count"] + _PLANE_PAD
-            passes.append(params)
-    return passes
-
-
-def _items(params: NDArray[Any]) -> int:
-    return int(params["pixel_count"]) * int(params["sample_count"])
-
-
-def _beams(params: NDArray[Any]) -> int:
-    return -(-int(params["pixel_count"]) // constants()["BEAM_PIXELS"])
-
-
-def _groups(params: NDArray[Any]) -> int:
-    return -(-_items(params) // LOCAL_SIZE)
+    for name, limit in (("noise", noise), ("time_limit", time_limit)):
+        if limit is not None and not 0 < limit < np.inf:
+            raise UsageError(f"{name}: expected a number > 0, got {limit!r}")

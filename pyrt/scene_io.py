@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pyrt import procedural, scene, schema
 from pyrt.errors import SceneError, UsageError
 from pyrt.files import check_file
+from pyrt.geometry import COORDINATE_LIMIT, valid_triangles
 from pyrt.image_io import read_texture
 from pyrt.mesh_io import MeshData, load_mesh, transformed
 from pyrt.scene_json import override, plain, read_json
@@ -28,7 +29,6 @@ T = TypeVar("T")
 
 _EXAMPLE = "example:"
 _BLACK = np.zeros((1, 1, 3), np.float32)
-_DEGENERATE = 2.0**-44  # sine of the angle between two edges below which float64 cannot tell them from a line
 
 
 @dataclass
@@ -241,24 +241,19 @@ def _mesh(loading: _Loading, path: str, shape: schema.Mesh) -> MeshData | None:
         if shape.transform is not None:
             mesh = transformed(mesh, np.reshape(shape.transform, (4, 4)))
         mesh = mesh._replace(vertices=mesh.vertices + shape.translate)
-        v0, v1, v2 = mesh.vertices[mesh.triangles].transpose(1, 0, 2)
-        e1, e2 = v1 - v0, v2 - v0
-        lengths = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
-        has_area = np.linalg.norm(np.cross(e1, e2), axis=1) > _DEGENERATE * lengths
-    if not has_area.any():
-        loading.problem(f"{path}.path", f"none of the {len(has_area)} triangles of {quote(shape.path)} has an area")
+    if not valid_triangles(mesh.vertices[mesh.triangles]).any():
+        found = f"none of the {len(mesh.triangles)} triangles of {quote(shape.path)} has an area"
+        loading.problem(f"{path}.path", f"{found} and all its coordinates below {COORDINATE_LIMIT:g}")
     return mesh
 
 
 def _icosphere(shape: schema.Icosphere) -> MeshData:
     vertices, triangles = procedural.icosphere(shape.subdivisions)
-    radii: float | NDArray[np.float64] = shape.radius
     if shape.displacement is not None:
         d = shape.displacement
-        radii = radii * (1 + d.amplitude * procedural.noise(vertices, d.frequency, d.octaves, d.seed)[:, None])
-    vertices = vertices * radii
+        vertices = vertices * (1 + d.amplitude * procedural.noise(vertices, d.frequency, d.octaves, d.seed)[:, None])
     normals = procedural.vertex_normals(vertices, triangles).astype(np.float32)[triangles] if shape.smooth else None
-    return MeshData(vertices + shape.center, triangles, normals=normals)
+    return MeshData(vertices * shape.radius + shape.center, triangles, normals=normals)
 
 
 def _point_lights(model: schema.SceneModel) -> tuple[scene.PointLight, ...]:

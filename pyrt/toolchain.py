@@ -72,10 +72,10 @@ def ensure_linker(pocl_version: str) -> None:
 
 
 def ensure_cache() -> None:
-    """Make sure that PoCL and pyopencl can cache what they compile: call it before the first look for OpenCL platforms.
+    """Make sure that PoCL and pyopencl can cache what they compile: call it before the first look for platforms.
 
-    Where the user's cache folder cannot be written to, as for a user without a home, PoCL reports no device and pyopencl
-    fails. Then a folder of this process alone serves.
+    Where the user's cache folder cannot be written to, as for a user without a home, PoCL reports no device and
+    pyopencl fails. Then a folder of this process alone serves.
     """
     folder = Path(_cache_home())
     try:

@@ -42,13 +42,14 @@ def funnel(radii: Floats, sectors: int) -> Mesh:
 
 
 def boxes(random: np.random.Generator, count: int) -> Mesh:
-    """Axis-aligned boxes with corners on a coarse lattice, every third one flat."""
+    """Axis-aligned boxes with corners on a coarse lattice, and as many rectangles of them."""
     low = random.integers(-8, 8, (count, 1, 3)) / 8
     size = random.integers(1, 4, (count, 1, 3)) / 8
-    size[::3, 0, 0] = 0
     vertices, triangles = cube()
     corners = low + size * (vertices + 1) / 2
-    return corners.reshape(-1, 3), (triangles + 8 * np.arange(count)[:, None, None]).reshape(-1, 3)
+    faces = triangles + 8 * np.arange(count)[:, None, None]
+    faces[::2, 2:] = faces[::2, :2].repeat(5, axis=1)
+    return corners.reshape(-1, 3), faces.reshape(-1, 3)
 
 
 def random_triangles(random: np.random.Generator, count: int) -> Floats:
@@ -70,7 +71,11 @@ def nasty_soup(random: np.random.Generator, count: int) -> Floats:
     part = count // 6
     tilted = random.uniform(-0.7, 0.7, (part, 3, 3))
     tilted[..., 2] = 0.3 * tilted[..., 0] - 0.6 * tilted[..., 1]
-    flat = random.integers(-8, 9, (part, 3, 3)) / 8
+    flat = random.integers(-8, 9, (part, 1, 3)) / 8 + random.choice([-1, 1], (part, 3, 1)) * [
+        (0, 0, 0),
+        (1, 0, 0),
+        (0, 0, 1),
+    ]
     flat[..., 1] = 0.25
     once = random_triangles(random, count - 5 * part)
     parts = [once, needles(random, part), tilted, flat, tilted.copy(), np.repeat(once[:1], part, axis=0)]

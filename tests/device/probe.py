@@ -38,11 +38,11 @@ def evaluate(
 ) -> dict[str, NDArray[Any]]:
     """Run `code` once for every i in [0, count), and return the outputs.
 
-    Inputs are global pointers of their own name, to float, uint, int or a struct of types.h. Outputs are given as
+    Inputs are pointers of their own name, to float, uint, int or a struct of types.h. Outputs are given as
     dtype, for one value each i, or as (dtype, k) for a row of k. All features are on, unless `options` say otherwise.
     """
     shapes = {name: kind if isinstance(kind, tuple) else (kind,) for name, kind in outputs.items()}
-    arguments = [f"const global {_c_type(array.dtype)} *{name}" for name, array in inputs.items()]
+    arguments = [f"const {_space(array.dtype)} {_c_type(array.dtype)} *{name}" for name, array in inputs.items()]
     arguments += [f"global {_c_type(np.dtype(kind))} *{name}" for name, (kind, *_) in shapes.items()]
     features = [f"-D{row.macro}=1" for row in feature_table(Scene()) if not any(row.macro in o for o in options)]
     with tempfile.NamedTemporaryFile("w", suffix=".cl") as file:
@@ -59,5 +59,21 @@ def evaluate(
     return out
 
 
+def sobol_points(pixels: NDArray[Any], pair: int, samples: int, first: int = 0) -> NDArray[np.float32]:
+    """(pixels, samples, 2) points of the given pixel hashes, from sample index `first` on."""
+    code = """
+        Sampler sampler = {pixels[i / how[0]], how[1] + i % how[0]};
+        vstore2(sample_2d(sampler, how[2]), i, points);
+    """
+    how = np.array([samples, first, pair], np.uint32)
+    count, shape = len(pixels) * samples, {"points": (np.float32, 2)}
+    points = evaluate("sampling.h", code, count, shape, pixels=pixels, how=how)["points"]
+    return points.reshape(len(pixels), samples, 2)
+
+
 def _c_type(dtype: np.dtype[Any]) -> str:
     return _SCALARS.get(dtype) or next(name for name, struct in dtypes().items() if struct == dtype)
+
+
+def _space(dtype: np.dtype[Any]) -> str:
+    return "constant" if dtype in (dtypes()["Camera"], dtypes()["SceneParams"]) else "global"

@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.device.probe import evaluate
+from tests.device.probe import evaluate, sobol_points
 from tests.reference.analytic import Array
 from tests.reference.statistics import threshold
 
 ALPHA = 1e-3
 PAIRS = range(24)  # the camera's, two of each light, and one of each specular event
-
-
-def sobol_points(pixels: NDArray[Any], pair: int, samples: int, first: int = 0) -> NDArray[np.float32]:
-    """(pixels, samples, 2) points of the given pixel hashes, from sample index `first` on."""
-    code = """
-        Sampler sampler = {pixels[i / how[0]], how[1] + i % how[0]};
-        vstore2(sample_2d(sampler, how[2]), i, points);
-    """
-    how = np.array([samples, first, pair], np.uint32)
-    count, shape = len(pixels) * samples, {"points": (np.float32, 2)}
-    points = evaluate("sampling.h", code, count, shape, pixels=pixels, how=how)["points"]
-    return points.reshape(len(pixels), samples, 2)
 
 
 def hashes(count: int, seed: int = 0) -> NDArray[np.uint32]:

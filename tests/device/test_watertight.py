@@ -10,31 +10,11 @@ import pytest
 import pyrt
 from pyrt.procedural import icosphere
 from tests import meshes
-from tests.controls import kernels
-from tests.meshes import Floats, Mesh
 from tests.reference.rays import hit_errors
+from tests.stress import TARGETS, inside_rays, misses
 
 SPHERE = icosphere(4)
 RAYS = 200_000
-
-TARGETS = {
-    "vertices": lambda random, mesh, count: mesh[0][random.integers(0, len(mesh[0]), count)],
-    "edge midpoints": lambda random, mesh, count: meshes.points_on_edges(random, mesh, np.full(count, 0.5)),
-    "edge points": lambda random, mesh, count: meshes.points_on_edges(random, mesh, random.random(count)),
-}
-
-
-def inside_rays(mesh: Mesh, target: str, count: int, seed: int = 0) -> tuple[Floats, Floats]:
-    """From points inside the unit sphere of `mesh` to its vertices or edges."""
-    random = np.random.default_rng(seed)
-    origins = meshes.points_inside(random, count, 0.98)
-    return origins, TARGETS[target](random, mesh, count) - origins
-
-
-def misses(tracer: pyrt.RayTracer, origins: Floats, directions: Floats) -> int:
-    closest = int((tracer.closest(origins, directions).triangle < 0).sum())
-    assert int((~tracer.occluded(origins, directions)).sum()) == closest
-    return closest
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -120,12 +100,3 @@ def test_axis_parallel_rays_on_the_lines_of_a_grid(axis, sign):
             hits = tracer.closest(origins, directions)
             assert (hits.t == distance).all()
             assert tracer.occluded(origins, directions).all()
-
-
-def test_a_leaky_triangle_test_is_noticed():
-    """The controls of this file: the usual test, and one that the compiler may contract, lose rays at every target."""
-    for control, least in (("Möller–Trumbore", RAYS // 200), ("contracted edges", 20)):
-        with kernels(control):
-            tracer = pyrt.RayTracer(*SPHERE)
-        for target in TARGETS:
-            assert misses(tracer, *inside_rays(SPHERE, target, RAYS)) > least, f"{control}, {target}"

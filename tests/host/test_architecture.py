@@ -19,6 +19,7 @@ cli
 __init__
 api info progress
 renderer tracer
+adaptive passes
 device pack scene_io film
 pack_lights tree scene_json
 features geometry bvh image_io mesh_io schema_errors

@@ -1,6 +1,6 @@
 """A scene as arrays of primitives in float64, with brute-force closest and any hit.
 
-The only acceleration: triangles lie in clusters, and a ray meets those clusters whose bounding sphere it crosses.
+The only acceleration: triangles lie in nested clusters, and a ray meets those whose bounding sphere it crosses.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pyrt.scene import Mesh, Rectangle, Scene, Sphere
 
 from .analytic import Array, Indices, dot, unit
 
-CLUSTER_SIZE = 128
+CLUSTER_SIZE = 32
 SLACK = 1e-12  # barycentric: a ray through an edge hits one triangle at least
 
 
@@ -24,6 +24,7 @@ class Cluster:
     triangles: Indices
     center: Array
     radius: float
+    halves: tuple[Cluster, ...]  # empty: to be met as a whole
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Geometry:
     centers: Array  # (s, 3)
     radii: Array  # (s,)
     shape: Indices  # (m + s,) index into scene.shapes
-    clusters: tuple[Cluster, ...]
+    cluster: Cluster  # of all triangles
     clearance: float  # rays start this far from where they stand
 
 
@@ -63,7 +64,6 @@ def build(scene: Scene) -> Geometry:
     low = np.concatenate([triangles.reshape(-1, 3), centers - radii[:, None]]).min(0, initial=np.inf)
     high = np.concatenate([triangles.reshape(-1, 3), centers + radii[:, None]]).max(0, initial=-np.inf)
     shape = [np.full(len(part[1]), part[0]) for part in parts] + [np.array([i for i, _ in spheres], int)]
-    clusters = tuple(_cluster(triangles, ids) for ids in _split(triangles.mean(1), np.arange(len(triangles))))
     return Geometry(
         triangles,
         np.concatenate([np.empty((0, 3, 2)), *(part[2] for part in parts)]),
@@ -71,7 +71,7 @@ def build(scene: Scene) -> Geometry:
         centers,
         radii,
         np.concatenate(shape).astype(np.intp),
-        clusters,
+        _cluster(triangles, np.arange(len(triangles))),
         1e-10 * float(np.max(high - low, initial=0.0)),
     )
 
@@ -90,19 +90,16 @@ def _corners(shape: object) -> tuple[Array, Array, Array]:
     return vertices, uvs, np.zeros_like(vertices) if shape.normals is None else shape.normals.astype(float)
 
 
-def _split(centroids: Array, ids: Indices) -> list[Indices]:
-    """Halve along the widest axis until clusters are small."""
-    if len(ids) <= CLUSTER_SIZE:
-        return [ids] if len(ids) else []
-    order = ids[np.argsort(centroids[ids, np.argmax(np.ptp(centroids[ids], axis=0))], kind="stable")]
-    half = len(ids) // 2
-    return _split(centroids, order[:half]) + _split(centroids, order[half:])
-
-
 def _cluster(triangles: Array, ids: Indices) -> Cluster:
+    """Halved along the widest axis until few triangles are left."""
     corners = triangles[ids].reshape(-1, 3)
-    center = (corners.min(0) + corners.max(0)) / 2
-    return Cluster(ids, center, float(np.linalg.norm(corners - center, axis=1).max()))
+    low, high = corners.min(0, initial=np.inf), corners.max(0, initial=-np.inf)
+    halves: tuple[Cluster, ...] = ()
+    if len(ids) > CLUSTER_SIZE:
+        order = ids[np.argsort(triangles[ids, :, np.argmax(high - low)].sum(1), kind="stable")]
+        halves = tuple(_cluster(triangles, half) for half in np.array_split(order, 2))
+    center = (low + high) / 2 if len(ids) else np.zeros(3)
+    return Cluster(ids, center, float(np.linalg.norm(corners - center, axis=1).max(initial=0)), halves)
 
 
 def closest(geometry: Geometry, origins: Array, directions: Array) -> Hits:
@@ -133,10 +130,9 @@ def _candidates(
     geometry: Geometry, origins: Array, directions: Array, length: Array
 ) -> Iterator[tuple[Indices, Indices, Array]]:
     """Yield (rays, ids, t (rays, ids)) for groups of primitives; t is infinite where the ray misses."""
-    for cluster in geometry.clusters:
-        rays = np.flatnonzero(_near(cluster, origins, directions, length))
+    for cluster, rays in _leaves(geometry.cluster, np.arange(len(origins)), origins, directions, length):
         triangles = geometry.triangles[cluster.triangles]
-        for part in np.array_split(rays, len(rays) * len(triangles) // 2**20 + 1) if len(rays) else ():
+        for part in np.array_split(rays, len(rays) * len(triangles) // 2**20 + 1):
             yield part, cluster.triangles, _triangles(triangles, origins[part], directions[part])
     if len(geometry.radii):
         ids = len(geometry.triangles) + np.arange(len(geometry.radii))
@@ -144,11 +140,18 @@ def _candidates(
             yield np.arange(len(origins)), ids, _spheres(geometry, origins, directions, root)
 
 
-def _near(cluster: Cluster, origins: Array, directions: Array, length: Array) -> NDArray[np.bool_]:
-    to_center = cluster.center - origins
-    along = np.clip(dot(to_center, directions), 0, length)
-    away = to_center - along[:, None] * directions
-    return np.asarray(dot(away, away) <= cluster.radius**2 * (1 + 1e-9))
+def _leaves(
+    cluster: Cluster, rays: Indices, origins: Array, directions: Array, length: Array
+) -> Iterator[tuple[Cluster, Indices]]:
+    """The smallest clusters, each with those of the rays that come near it."""
+    to_center = cluster.center - origins[rays]
+    along = np.clip(dot(to_center, directions[rays]), 0, length[rays])
+    away = to_center - along[:, None] * directions[rays]
+    rays = rays[dot(away, away) <= cluster.radius**2 * (1 + 1e-9)]
+    if len(rays) and not cluster.halves:
+        yield cluster, rays
+    for half in cluster.halves if len(rays) else ():
+        yield from _leaves(half, rays, origins, directions, length)
 
 
 def _triangles(triangles: Array, origins: Array, directions: Array) -> Array:

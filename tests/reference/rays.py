@@ -68,9 +68,9 @@ def _farthest(corners: Array, o: Array, d: Array, allowed: Array) -> Array:
         e1, e2 = local[:, :, 1] - local[:, :, 0], local[:, :, 2] - local[:, :, 0]
         normal = np.abs(np.cross(e1, e2))
         slope = np.hypot(normal[..., 0], normal[..., 1]) / normal[..., 2]
-    blur = allowed[:, None] * (1 + slope)
-    sure = (margin > allowed[:, None]) & (at > blur)
-    return np.where(sure, at + blur, np.inf).min(axis=1) / length
+        blur = allowed[:, None] * (1 + slope)
+        sure = (margin > allowed[:, None]) & (at > blur)
+        return np.where(sure, at + blur, np.inf).min(axis=1) / length
 
 
 def _frame(axis: Array) -> tuple[Array, Array, Array]:

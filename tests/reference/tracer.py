@@ -29,7 +29,7 @@ from .geometry import Geometry, Hits, build, closest, occluded
 from .statistics import Estimate
 
 EXACT_TRIANGLES = 1000  # beyond, cutting each of them out of the lights costs more than sampling
-NEGLIGIBLE = 1e-9  # split rays of less weight are dropped
+NEGLIGIBLE = 1e-7  # split rays of less weight are dropped
 RAYS = 4  # of each stratum: enough that the variance that they show can be trusted
 CHUNK = 1 << 18  # shadow rays at a time
 

@@ -1,0 +1,142 @@
+"""Tracing samples in passes of bounded memory: (pixels × a range of samples) → a film."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.device import LOCAL_SIZE, Device
+from pyrt.film import Film
+from pyrt.layout import constants, dtypes
+
+PASS_SAMPLES = 1 << 21  # samples of one pass, by default: 24 MiB of radiance
+_TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
+_PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
+
+
+@dataclass
+class Tally:
+    """What the passes of one render added up to. `counts`: specular, shadow, dark, clear (see Counters in direct.h)."""
+
+    samples: int = 0
+    render_seconds: float = 0.0
+    reduce_seconds: float = 0.0
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(4, np.int64))
+
+    @property
+    def rays(self) -> int:
+        return self.samples + int(self.counts[0]) + int(self.counts[1])
+
+
+@dataclass(frozen=True)
+class SampleTracer:
+    """Traces samples of one picture: the scene's buffers, the picture's parameters, and how to cut passes.
+
+    Attributes:
+        kernels: of render.cl, by name.
+        buffers: the scene's arrays, in the order of the kernel's arguments.
+        parameters: buffer of SceneParams.
+        beam_bytes: of one beam and its shafts; 0: no beams.
+        pass_samples: at most so many samples in a pass, or one pixel's.
+        after_pass: called after every pass; returning False stops.
+    """
+
+    device: Device
+    kernels: dict[str, Any]
+    buffers: dict[str, Any]
+    parameters: Any
+    beam_bytes: int
+    seed: int
+    pass_samples: int
+    tally: Tally
+    after_pass: Callable[[], bool]
+
+    def trace(self, pixels: NDArray[np.uint32], first_sample: int, samples: int) -> tuple[Film, int]:
+        """Samples first_sample … first_sample + samples − 1 of each pixel (x + 65536 · y).
+
+        Returns the film of these pixels, and how many of them, from the first on, are complete: all, unless stopped.
+        """
+        film = Film.empty(len(pixels))
+        passes = _passes(len(pixels), first_sample, samples, self.pass_samples)
+        pixel_buffer = self.device.upload("pixels", pixels)
+        planes = self.device.allocate(4 * max(3 * p["sample_count"] * p["stride"] for p in passes))
+        counts = self.device.allocate(16 * max(_groups(p) for p in passes))
+        beams = self.device.allocate(max(_beams(p) for p in passes) * self.beam_bytes)
+        for params in passes:
+            params["seed"] = self.seed
+            start = perf_counter()
+            self._run(params, pixel_buffer, beams, planes, counts)
+            self.tally.render_seconds += perf_counter() - start
+            start = perf_counter()
+            self._reduce(params, planes, counts, film)
+            self.tally.reduce_seconds += perf_counter() - start
+            if not self.after_pass():
+                return film, _keep_complete(film, params, first_sample + samples)
+        return film, len(pixels)
+
+    def _run(self, params: NDArray[Any], pixels: Any, beams: Any, planes: Any, counts: Any) -> None:
+        head = (params.tobytes(), self.parameters)
+        if self.beam_bytes:
+            arrays = [self.buffers[name] for name in ("nodes", "triangle_blocks", "triangles", "lights")]
+            self.device.run(self.kernels["trace_beams"], _beams(params), *head, *arrays, pixels, beams)
+        scene = self.buffers.values()
+        self.device.run(self.kernels["render"], _items(params), *head, *scene, pixels, beams, planes, counts)
+
+    def _reduce(self, params: NDArray[Any], planes: Any, counts: Any, film: Film) -> None:
+        shape = (int(params["sample_count"]), 3, int(params["stride"]))
+        with self.device.mapped(planes, shape, np.float32) as array:
+            pixels = int(params["pixel_count"])
+            film.add(array[:, :, :pixels], int(params["first_pixel"]), int(params["first_sample"]))
+        with self.device.mapped(counts, (_groups(params), 4), np.uint32) as array:
+            self.tally.counts += array.sum(axis=0, dtype=np.int64)
+        self.tally.samples += _items(params)
+
+
+def _keep_complete(film: Film, params: NDArray[Any], end: int) -> int:
+    """Drops the strip of pixels that a stop cut short of sample `end`; returns how many pixels are complete."""
+    first_pixel = int(params["first_pixel"])
+    if int(params["first_sample"] + params["sample_count"]) == end:
+        return first_pixel + int(params["pixel_count"])
+    del film.strips[first_pixel]
+    return first_pixel
+
+
+def tiled_pixels(width: int, height: int) -> NDArray[np.uint32]:
+    """All pixels as x + 65536 · y, tile by tile: neighbouring work-items trace neighbouring rays."""
+    y, x = np.mgrid[0:height, 0:width].astype(np.uint32)
+    tile = (y // _TILE) * np.uint32(-(-width // _TILE)) + x // _TILE
+    order = np.argsort(tile.ravel(), kind="stable")
+    return np.asarray(((y << np.uint32(16)) | x).ravel()[order])
+
+
+def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[NDArray[Any]]:
+    """PassParams of each pass: all samples of some pixels, or, if there are too many, a range of them at a time."""
+    sample_step = min(samples, pass_samples)
+    pixel_step = max(1, pass_samples // sample_step)
+    passes = []
+    for first_pixel in range(0, pixels, pixel_step):
+        for first_sample in range(first, first + samples, sample_step):
+            params = np.zeros((), dtypes()["PassParams"])
+            params["first_pixel"], params["first_sample"] = first_pixel, first_sample
+            params["pixel_count"] = min(pixel_step, pixels - first_pixel)
+            params["sample_count"] = min(sample_step, first + samples - first_sample)
+            params["stride"] = params["pixel_count"] + _PLANE_PAD
+            passes.append(params)
+    return passes
+
+
+def _items(params: NDArray[Any]) -> int:
+    return int(params["pixel_count"]) * int(params["sample_count"])
+
+
+def _beams(params: NDArray[Any]) -> int:
+    return -(-int(params["pixel_count"]) // constants()["BEAM_PIXELS"])
+
+
+def _groups(params: NDArray[Any]) -> int:
+    return -(-_items(params) // LOCAL_SIZE)

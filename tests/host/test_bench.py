@@ -1,0 +1,129 @@
+"""The measures of the benchmark: error of a picture, time to an error, interleaving, and how results are shown."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from bench import measure, report
+from bench.report import Outcome, Table
+
+ABOUT = {
+    "date": "2026-01-02 03:04 UTC",
+    "machine": "abacus",
+    "command": "python -m bench",
+    "device": "beads",
+    "versions": {"python": "3"},
+}
+
+
+def test_error_of_a_constant_offset():
+    """(0.1)² / (ref² + 0.01) is 0.01 / 0.01 where the reference is black and 0.01 / 1.01 where it is 1."""
+    reference = np.zeros((10, 10, 3))
+    reference[:5] = 1
+    found = measure.error(reference + 0.1, reference)
+    assert found.relmse == pytest.approx((1 + 0.01 / 1.01) / 2)
+    assert found.rmse == pytest.approx(0.1)
+
+
+def test_the_worst_tenth_of_a_percent_is_trimmed():
+    reference = np.ones((100, 100, 1))
+    image = reference.copy()
+    image.flat[:10] = 1000.0
+    assert measure.error(image, reference).relmse == 0
+    image.flat[10] = 1000.0
+    assert measure.error(image, reference).relmse > 1
+
+
+def test_error_is_symmetric_in_sign_and_squares_with_noise():
+    random = np.random.default_rng(0)
+    reference, noise = random.random((64, 64, 3)), random.normal(size=(64, 64, 3))
+    small, large = (measure.error(reference + scale * noise, reference).relmse for scale in (0.01, -0.02))
+    assert large == pytest.approx(4 * small)
+
+
+def test_time_to_an_error_is_interpolated_on_logarithms():
+    """On a ladder where the error is 1 / t² any target e is met at 1 / √e, whatever the order of the rungs."""
+    seconds = [4.0, 1.0, 16.0]
+    errors = [1 / t**2 for t in seconds]
+    for target in (0.5, 1 / 16, 0.01, 1 / 256):
+        assert measure.seconds_to(target, errors, seconds) == pytest.approx(target**-0.5)
+
+
+def test_time_to_an_error_out_of_reach():
+    assert measure.seconds_to(1e-9, [1e-2, 1e-4], [1, 2]) is None
+    assert measure.seconds_to(1.0, [1e-2, 1e-4], [1, 2]) == 1
+    assert measure.seconds_to(1.0, [], []) is None
+
+
+def test_a_step_backwards_on_the_ladder_is_no_obstacle():
+    found = measure.seconds_to(1e-3, [1e-2, 3e-2, 1e-4], [1, 2, 4])
+    assert 2 < found < 4
+
+
+def test_jobs_take_turns_after_one_warm_up_each():
+    order, results = [], []
+    jobs = {name: lambda repetition, name=name: order.append((name, repetition)) or name for name in "AB"}
+    seconds = measure.interleaved(jobs, 3, lambda name, result: results.append((name, result)))
+    assert order == [("A", 3), ("B", 3), ("A", 0), ("B", 0), ("A", 1), ("B", 1), ("A", 2), ("B", 2)]
+    assert results == [("A", "A"), ("B", "B")] * 3
+    assert [len(times) for times in seconds.values()] == [3, 3]
+
+
+def test_ratios_are_pair_by_pair():
+    """Twice as fast in every pair, though the machine slowed down a hundredfold in between."""
+    assert measure.paired_ratio([1, 100, 3], [2, 200, 6]) == 2
+    assert measure.geometric_mean([1, 4]) == pytest.approx(2)
+    assert math.isnan(measure.geometric_mean([]))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (math.nan, "–"),
+        (0, "0"),
+        (1.2345, "1.23"),
+        (12345.6, "12,346"),
+        (2e-6, "2.00e-06"),
+        (3e7, "3.00e+07"),
+    ],
+)
+def test_numbers(value, text):
+    assert report.number(value) == text
+
+
+def test_a_table_is_aligned_markdown_with_its_provenance():
+    table = Table("Ray rates", ("scene", "Mrays/s"), (("Cornell", "9.5"), ("mesh", "10.25")), ("higher is better",))
+    lines = report.markdown(table, ABOUT).splitlines()
+    assert lines[0] == "### Ray rates"
+    assert lines[2:4] == ["2026-01-02 03:04 UTC; abacus; `python -m bench`", "beads; python 3"]
+    assert lines[5:9] == [
+        "| scene   | Mrays/s |",
+        "|---------|--------:|",
+        "| Cornell |     9.5 |",
+        "| mesh    |   10.25 |",
+    ]
+    assert lines[10] == "* higher is better"
+
+
+def test_two_runs_are_compared_by_their_figures(tmp_path):
+    path = tmp_path / "old.json"
+    report.write_json(path, ABOUT, {"rays": Outcome((), {"rate": 4.0, "gone": 1.0}, {"seconds": [1.0]})})
+    old = json.loads(path.read_text(encoding="utf-8"))
+    table = report.comparison(old, {"rays": Outcome((), {"rate": 6.0, "added": 2.0}, {})})
+    assert set(table.rows) == {
+        ("rays: rate", "4", "6", "1.5"),
+        ("rays: added", "–", "2", "–"),
+        ("rays: gone", "1", "–", "–"),
+    }
+
+
+def test_a_run_says_what_it_ran_on():
+    about = report.provenance(["error", "--scene", "mesh room"], "beads", {"mitsuba": "none"})
+    assert about["command"] == "python -m bench error --scene 'mesh room'"
+    assert about["versions"]["numpy"] == np.__version__
+    assert "cores" in about["machine"]
