@@ -25,7 +25,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         old = json.loads(Path(args.against).read_text(encoding="utf-8")) if args.against else None
         about = report.provenance(arguments, str(choose_device(args.device)), _peers())
-    except (PyrtError, OSError, ValueError) as problem:
+    except OSError as problem:
+        print(f"{args.against}: cannot be read: {(problem.strerror or str(problem)).lower()}", file=sys.stderr)
+        return 1
+    except (PyrtError, ValueError) as problem:
         print(f"bench: {problem}", file=sys.stderr)
         return 1
     out: Path = args.out
@@ -62,9 +65,13 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
     }
 
 
-def _peers() -> dict[str, str]:
-    missing = "not installed: pip install '.[bench]'"
-    return {"mitsuba": peers_mitsuba.version() or missing, "embree": peers_embree.version() or missing}
+def _peers() -> str:
+    """The peers with their versions; says how to get those that are missing."""
+    found = {"Mitsuba": peers_mitsuba.version(), "embreex": peers_embree.version()}
+    missing = [name for name, version in found.items() if not version]
+    if missing:
+        print(f"without {' and '.join(missing)}; to have all peers: pip install -e '.[bench]'", file=sys.stderr)
+    return ", ".join(version or f"no {name}" for name, version in found.items())
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -16,14 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyrt
-from bench import peers_mitsuba, report
-from bench.measure import DARK, error, geometric_mean, interleaved, seconds_to, squared_errors
-from bench.report import Outcome, Table, number
+from bench import error_tables, peers_mitsuba, report
+from bench.measure import DARK, error, geometric_mean, interleaved, paired_ratio, seconds_to, squared_errors
+from bench.report import Outcome
 from bench.scenes import ERROR_SCENES, QUICK_SCENES
 from pyrt.scene import Scene
 
-OURS = "pyrt"
+UNIFORM, ADAPTIVE = "pyrt", "pyrt --noise"
+OURS = (UNIFORM, ADAPTIVE)
 OUR_LADDER = (1, 4, 16, 36, 64, 144, 256, 576)
+NOISE_LADDER = tuple(0.1 * 2.0**-k for k in range(12))
 PEER_LADDER = {
     "independent": (4, 16, 36, 64, 144, 256),
     "stratified": (4, 16, 36, 64, 144, 256),
@@ -49,31 +51,45 @@ class Settings:
     device: str | None = None
 
 
-QUICK = Settings(size=128, repeats=3, reference_spp=1 << 11, scenes=QUICK_SCENES, max_spp=256)
+QUICK = Settings(size=96, repeats=3, reference_spp=1 << 11, scenes=QUICK_SCENES, max_spp=256)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture, its samples per pixel, and the relative error that the renderer states."""
+
+    image: Image
+    spp: float
+    stated: float | None = None
+
+
+Contestants = dict[str, tuple[Callable[[float, int], Shot], tuple[float, ...]]]  # (setting, seed) -> picture; settings
 
 
 @dataclass(frozen=True)
 class Rung:
-    """One step of a ladder: the median of its seconds, and its mean error over the seeds."""
+    """One step of a ladder: seconds of each repetition, and means over the seeds."""
 
     contestant: str
-    spp: int
+    setting: float
+    spp: float
     seconds: list[float]
     relmse: float
     rmse: float
+    reached: float  # root of the relMSE with nothing trimmed, without the reference's noise, which `stated` estimates
+    stated: float | None
 
 
 def run(settings: Settings, out: Path) -> Outcome:
     """Measures every scene; writes plots, error maps and cached references into `out`."""
     measured = {name: _measure(name, settings, out) for name in settings.scenes}
-    names = [name for name in settings.scenes if measured[name]["targets"]]
-    ratios = {name: [row["ratio"] for row in measured[name]["targets"] if row["ratio"]] for name in names}
+    ratios = {name: [row["ratio"] for row in data["targets"] if row["ratio"]] for name, data in measured.items()}
     every = [ratio for values in ratios.values() for ratio in values]
     figures = {f"{name}, times faster": geometric_mean(values) for name, values in ratios.items() if values}
     if every:
         figures["all scenes, times faster"] = geometric_mean(every)
-    tables = (_target_table(measured, settings), _ladder_table(measured), _bias_table(measured))
-    return Outcome(tuple(table for table in tables if table.rows), figures, measured)
+    size = f"{settings.size}×{settings.size} pixels, {settings.repeats} interleaved repetitions, reference of "
+    return Outcome(error_tables.tables(measured, size + f"{settings.reference_spp} spp."), figures, measured)
 
 
 def _measure(name: str, settings: Settings, out: Path) -> dict[str, Any]:
@@ -82,24 +98,44 @@ def _measure(name: str, settings: Settings, out: Path) -> dict[str, Any]:
     scene, size = ERROR_SCENES[name](), (settings.size, settings.size)
     ours = pyrt.Renderer(scene, settings.device)
     halves = _reference(name, scene, ours, size, settings.reference_spp, out)
-    reference = halves.mean(axis=0)
-    contestants: dict[str, Callable[[int, int], Image]] = {OURS: lambda spp, seed: ours.render(spp, seed, size).image}
-    ladders: dict[str, tuple[int, ...]] = {OURS: OUR_LADDER}
+    contestants = _ours(ours, size, settings.max_spp)
     bias = None
     if peers_mitsuba.version() and peers_mitsuba.can_express(scene):
         theirs = peers_mitsuba.renderer(scene, size)
-        for sampler, ladder in PEER_LADDER.items():
-            contestants[sampler] = partial(theirs, sampler)
-            ladders[sampler] = ladder
+        contestants |= _theirs(theirs, settings.max_spp)
         bias = _bias(theirs, halves)
-    rungs, pictures = _climb(contestants, ladders, reference, settings)
-    _draw(name, rungs, pictures, reference, out)
-    return {
-        "rungs": [asdict(rung) for rung in rungs],
-        "targets": _targets(rungs),
-        "bias": bias,
-        "stages": ours.render(16, 0, size).stats["seconds"],
-    }
+    rungs, pictures = _climb(contestants, halves, settings.repeats)
+    _draw(name, rungs, pictures, halves.mean(axis=0), out)
+    seconds = ours.render(16, 0, size).stats["seconds"]
+    return {"rungs": [asdict(rung) for rung in rungs], "targets": targets(rungs), "bias": bias, "stages": seconds}
+
+
+def _ours(renderer: pyrt.Renderer, size: tuple[int, int], max_spp: int) -> Contestants:
+    """pyrt with fixed samples and with noise targets, these down to about `max_spp` samples on average."""
+
+    def uniform(spp: float, seed: int) -> Shot:
+        return Shot(renderer.render(int(spp), seed, size).image, spp)
+
+    def adaptive(noise: float, seed: int) -> Shot:
+        result = renderer.render(None, seed, size, noise=noise)
+        return Shot(result.image, float(result.samples.mean()), result.stats["noise"])
+
+    noises: dict[float, float] = {}  # by the samples that they take: the first targets ask for no more than the least
+    for noise in NOISE_LADDER:
+        spp = adaptive(noise, 0).spp
+        if spp > max_spp:
+            break
+        noises[spp] = noise
+    ladder = tuple(float(spp) for spp in OUR_LADDER if spp <= max_spp)
+    return {UNIFORM: (uniform, ladder), ADAPTIVE: (adaptive, tuple(noises.values()))}
+
+
+def _theirs(render: Callable[[str, int, int], Image], max_spp: int) -> Contestants:
+    def shot(sampler: str, spp: float, seed: int) -> Shot:
+        return Shot(render(sampler, int(spp), seed), spp)
+
+    ladders = {name: tuple(float(spp) for spp in ladder if spp <= max_spp) for name, ladder in PEER_LADDER.items()}
+    return {sampler: (partial(shot, sampler), ladder) for sampler, ladder in ladders.items()}
 
 
 def _reference(
@@ -115,74 +151,77 @@ def _reference(
 
 
 def _climb(
-    contestants: dict[str, Callable[[int, int], Image]],
-    ladders: dict[str, tuple[int, ...]],
-    reference: NDArray[np.float64],
-    settings: Settings,
-) -> tuple[list[Rung], dict[tuple[str, int], Image]]:
+    contestants: Contestants, halves: NDArray[np.float64], repeats: int
+) -> tuple[list[Rung], dict[tuple[str, float], Image]]:
     """All rungs of all ladders, interleaved; and the last picture of each."""
-    jobs = {
-        (name, spp): lambda seed, name=name, spp=spp: contestants[name](spp, seed)
-        for name, ladder in ladders.items()
-        for spp in ladder
-        if spp <= settings.max_spp
-    }
-    errors: dict[tuple[str, int], list[Any]] = {key: [] for key in jobs}
-    pictures: dict[tuple[str, int], Image] = {}
+    reference = halves.mean(axis=0)
+    jobs = {(name, step): partial(render, step) for name, (render, ladder) in contestants.items() for step in ladder}
+    shots: dict[tuple[str, float], list[Any]] = {key: [] for key in jobs}
+    pictures: dict[tuple[str, float], Image] = {}
 
-    def done(key: tuple[str, int], image: Image) -> None:
-        errors[key].append(error(image, reference))
-        pictures[key] = image
+    def done(key: tuple[str, float], shot: Shot) -> None:
+        found = error(shot.image, reference)
+        shots[key].append((shot.spp, found.relmse, found.rmse, _product(shot.image, shot.image, halves), shot.stated))
+        pictures[key] = shot.image
 
-    seconds = interleaved(jobs, settings.repeats, done)
-    rungs = [
-        Rung(
-            *key,
-            seconds[key],
-            statistics.fmean(e.relmse for e in errors[key]),
-            statistics.fmean(e.rmse for e in errors[key]),
-        )
-        for key in jobs
-    ]
+    seconds = interleaved(jobs, repeats, done)
+    rungs = []
+    for key in jobs:
+        spp, relmse, rmse, untrimmed, stated = zip(*shots[key], strict=True)
+        mean = statistics.fmean
+        claim = mean(stated) if None not in stated else None
+        reached = max(mean(untrimmed), 0.0) ** 0.5
+        rungs.append(Rung(*key, mean(spp), seconds[key], mean(relmse), mean(rmse), reached, claim))
     return rungs, pictures
 
 
-def _targets(rungs: list[Rung]) -> list[dict[str, Any]]:
+def targets(rungs: list[Rung]) -> list[dict[str, Any]]:
     """For each target: the relMSE, and the seconds that we and the fastest peer sampler take to it.
 
     The ratio is the median over the repetitions, pair by pair. Without a peer our own errors are the targets.
     """
-    names = sorted({rung.contestant for rung in rungs} - {OURS})
+    names = {rung.contestant for rung in rungs}
+    peers = sorted(names - set(OURS))
     rows = []
     for spp in TARGET_SPP:
-        at = {rung.contestant: rung.relmse for rung in rungs if rung.spp == spp}
-        if not at:
+        reached = [rung.relmse for rung in rungs if rung.setting == spp and rung.contestant in (peers or [UNIFORM])]
+        if not reached:
             continue
-        target = min(at[name] for name in at if name != OURS or not names)
-        ours = _times(rungs, OURS, target)
-        times = {name: _times(rungs, name, target) for name in names}
-        reached = {name: statistics.median(t) for name, t in times.items() if t}
-        best = min(reached, key=lambda name: reached[name], default=None)
-        ratio = statistics.median(b / a for a, b in zip(ours, times[best], strict=True)) if ours and best else None
+        target = min(reached)
+        ours, our_times = _fastest(rungs, [name for name in OURS if name in names], target)
+        theirs, their_times = _fastest(rungs, peers, target)
+        both = bool(ours and theirs)
         rows.append(
             {
                 "spp": spp,
                 "relmse": target,
-                "seconds": statistics.median(ours) if ours else None,
-                "peer": best,
-                "peer_seconds": best and reached[best],
-                "ratio": ratio,
+                "ours": ours,
+                "seconds": statistics.median(our_times) if ours else None,
+                "peer": theirs,
+                "peer_seconds": statistics.median(their_times) if theirs else None,
+                "ratio": paired_ratio(our_times, their_times) if both else None,
             }
         )
     return rows
 
 
-def _times(rungs: list[Rung], contestant: str, target: float) -> list[float]:
-    """Seconds to the target in each repetition; empty where the ladder does not reach it."""
-    ladder = [rung for rung in rungs if rung.contestant == contestant]
-    errors = [rung.relmse for rung in ladder]
-    times = [seconds_to(target, errors, seconds) for seconds in zip(*(rung.seconds for rung in ladder), strict=True)]
-    return [t for t in times if t is not None] if None not in times else []
+def _fastest(rungs: list[Rung], names: list[str], target: float) -> tuple[str | None, list[float]]:
+    """Which of the contestants gets to the target first, and its seconds in each repetition; None if none does."""
+    best: tuple[str | None, list[float]] = (None, [])
+    for name in names:
+        ladder = [rung for rung in rungs if rung.contestant == name]
+        errors = [rung.relmse for rung in ladder]
+        found = [
+            seconds_to(target, errors, seconds) for seconds in zip(*(rung.seconds for rung in ladder), strict=True)
+        ]
+        times = [t for t in found if t is not None]
+        if (
+            len(times) == len(found)
+            and times
+            and (not best[0] or statistics.median(times) < statistics.median(best[1]))
+        ):
+            best = name, times
+    return best
 
 
 def _bias(theirs: Callable[[str, int, int], Image], halves: NDArray[np.float64]) -> dict[str, float]:
@@ -196,82 +235,32 @@ def _bias(theirs: Callable[[str, int, int], Image], halves: NDArray[np.float64])
     reference = halves.mean(axis=0)
     means = np.array([image.mean() for image in renders]) / reference.mean() - 1
     own = abs(halves[0].mean() - halves[1].mean()) / 2 / reference.mean()
-    differences = [np.mean(renders[half::2], axis=0) - halves[half] for half in (0, 1)]
+    first, second = np.mean(renders[::2], axis=0), np.mean(renders[1::2], axis=0)
     return {
         "mean": float(means.mean()),
         "deviation": float(np.hypot(means.std(ddof=1) / np.sqrt(len(means)), own)),
-        "relmse": float((differences[0] * differences[1] / (reference**2 + DARK)).mean()),
-        "noisy": float((differences[0] ** 2 / (reference**2 + DARK)).mean()),
+        "relmse": _product(first, second, halves),
+        "noisy": float(squared_errors(first, halves[0]).mean()),
     }
 
 
-def _draw(name: str, rungs: list[Rung], pictures: dict[tuple[str, int], Image], reference: Any, out: Path) -> None:
+def _product(first: NDArray[Any], second: NDArray[Any], halves: NDArray[np.float64]) -> float:
+    """The relMSE between pictures and reference, two of each, without the noise that the two do not share."""
+    return float(((first - halves[0]) * (second - halves[1]) / (halves.mean(axis=0) ** 2 + DARK)).mean())
+
+
+def _draw(name: str, rungs: list[Rung], pictures: dict[tuple[str, float], Image], reference: Any, out: Path) -> None:
     lines: dict[str, Any] = {}
     for rung in rungs:
-        label = OURS if rung.contestant == OURS else f"Mitsuba {rung.contestant}"
+        label = rung.contestant if rung.contestant in OURS else f"Mitsuba {rung.contestant}"
         seconds, errors = lines.setdefault(label, ([], []))
         seconds.append(statistics.median(rung.seconds))
         errors.append(rung.relmse)
     stem = name.replace(" ", "_")
     report.curves(out / f"error_{stem}.png", name, lines)
+    near = {rung.contestant: rung for rung in sorted(rungs, key=lambda rung: -abs(np.log(rung.spp / 64)))}
     shown = {
-        f"{who}, {spp} spp": squared_errors(image, reference).mean(axis=2)
-        for (who, spp), image in pictures.items()
-        if spp == 64
+        f"{who}, {rung.spp:.0f} spp": squared_errors(pictures[who, rung.setting], reference).mean(axis=2)
+        for who, rung in near.items()
     }
     report.error_maps(out / f"map_{stem}.png", name, shown)
-
-
-# Tables ---------------------------------------------------------------------------------------------------------------
-
-
-def _target_table(measured: dict[str, Any], settings: Settings) -> Table:
-    rows = []
-    for name, data in measured.items():
-        for row in data["targets"]:
-            rows.append(
-                (
-                    name,
-                    str(row["spp"]),
-                    number(row["relmse"], 2),
-                    number(row["seconds"]),
-                    number(row["peer_seconds"]),
-                    row["peer"] or "–",
-                    number(row["ratio"]),
-                )
-            )
-    ratios = [row["ratio"] for data in measured.values() for row in data["targets"] if row["ratio"]]
-    notes = [
-        "The target is the relMSE that Mitsuba's best sampler reaches with so many samples per pixel (without Mitsuba: "
-        "that pyrt reaches). Times are renders only, warm, interpolated on log–log; a dash: out of the ladder's reach.",
-        f"{settings.size}×{settings.size} pixels, {settings.repeats} interleaved repetitions, reference of "
-        f"{settings.reference_spp} spp.",
-    ]
-    if ratios:
-        mean, least = number(geometric_mean(ratios)), number(min(ratios))
-        notes.insert(0, f"Geometric mean: pyrt is {mean} times as fast; least {least}.")
-    columns = ("scene", "peer spp", "relMSE", "pyrt s", "Mitsuba s", "sampler", "times faster")
-    return Table("Time to an error", columns, tuple(rows), tuple(notes))
-
-
-def _ladder_table(measured: dict[str, Any]) -> Table:
-    rows = []
-    for name, data in measured.items():
-        for rung in data["rungs"]:
-            seconds, errors = statistics.median(rung["seconds"]), (number(rung[key], 2) for key in ("relmse", "rmse"))
-            rows.append((name, rung["contestant"], str(rung["spp"]), number(seconds), *errors))
-    return Table("Ladders", ("scene", "sampler", "spp", "median s", "relMSE", "RMSE"), tuple(rows))
-
-
-def _bias_table(measured: dict[str, Any]) -> Table:
-    rows = [
-        (name, f"{b['mean']:+.1e}", f"{b['deviation']:.1e}", f"{b['relmse']:+.1e}", f"{b['noisy']:.1e}")
-        for name, data in measured.items()
-        if (b := data["bias"])
-    ]
-    columns = ("scene", "mean", "± standard error", "relMSE of bias", "relMSE with noise")
-    notes = (
-        "The peer's converged picture against our reference: whole picture, and per pixel with the noise taken out. "
-        "Near zero on both proves that the scenes are the same.",
-    )
-    return Table("Bias of Mitsuba against pyrt", columns, tuple(rows), notes)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-PACKAGES = ("numpy", "pyopencl", "pocl-binary-distribution", "mitsuba", "drjit", "embreex")
+PACKAGES = ("numpy", "pyopencl", "pocl-binary-distribution", "drjit")
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class Outcome:
     data: dict[str, Any]
 
 
-def provenance(arguments: Sequence[str], device: str, peers: Mapping[str, str]) -> dict[str, Any]:
+def provenance(arguments: Sequence[str], device: str, peers: str) -> dict[str, Any]:
     """Date, machine, command and versions: what a figure is worth nothing without."""
     return {
         "date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
         "machine": f"{_processor()}, {_cores()} cores, {platform.system()} {platform.machine()}",
         "command": shlex.join(["python", "-m", "bench", *arguments]),
         "device": device,
-        "peers": dict(peers),
+        "peers": peers,
         "versions": {"python": platform.python_version(), **_versions()},
     }
 
@@ -79,7 +79,7 @@ def _versions() -> dict[str, str]:
 def heading(about: Mapping[str, Any]) -> str:
     """Two lines that stand above every table."""
     versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
-    return f"{about['date']}; {about['machine']}; `{about['command']}`\n{about['device']}; {versions}"
+    return f"{about['date']}; {about['machine']}; `{about['command']}`\n{about['device']}; {about['peers']}; {versions}"
 
 
 def markdown(table: Table, about: Mapping[str, Any]) -> str:

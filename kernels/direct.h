@@ -60,7 +60,7 @@ INLINE float3 direct_irradiance(const Scene *scene, const Surface *si, Sampler s
         if (light_is_visible(scene, si, &s, shaft))
             sum += s.irradiance;
     }
-    return sum;
+    return saturate3(sum);
 }
 
 /* A path still to be followed. */
@@ -80,7 +80,7 @@ typedef struct {
 INLINE Path path_leave(const Path *from, const Surface *si, float3 d, float weight)
 {
     float3 side = dot3(d, si->ng) < 0.0f ? -si->ng : si->ng; /* where the new direction points to */
-    Path path = {spawn_point(si, side), d, from->throughput * weight, from->depth + 1, si->id};
+    Path path = {spawn_point(si, side), d, min1(FLT_MAX, from->throughput * weight), from->depth + 1, si->id};
     return path;
 }
 
@@ -138,7 +138,7 @@ INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sa
             }
         }
         if (!HAS_DIELECTRIC || count == 0)
-            return radiance;
+            return saturate3(radiance);
         path = pending[--count];
         ++counters->specular;
     }

@@ -22,6 +22,12 @@ INLINE LightSample light_sample_none(const global Light *light)
     return s;
 }
 
+/* What arrives: emission * factor, finite but for its overflow. No factor at all where its parts were out of range. */
+INLINE float3 light_irradiance(const global Light *light, float factor)
+{
+    return factor > 0.0f ? load3(light->emission) * min1(factor, FLT_MAX) : (float3)(0.0f);
+}
+
 /* Cosine at the receiver; 0 below its horizon, which is bounded by both normals. */
 INLINE float receiver_cosine(const Surface *si, float3 wi)
 {
@@ -34,7 +40,7 @@ INLINE LightSample point_sample(const global Light *light, const Surface *si)
     s.q = load3(light->position);
     float3 to = s.q - si->p;
     float inv_r2 = 1.0f / dot3(to, to);
-    s.irradiance = load3(light->emission) * (receiver_cosine(si, to * sqrt1(inv_r2)) * inv_r2);
+    s.irradiance = light_irradiance(light, receiver_cosine(si, to * sqrt1(inv_r2)) * inv_r2);
     return s;
 }
 
@@ -154,7 +160,7 @@ INLINE LightSample rectangle_sample(const global Light *light, const Surface *si
     float inv_r2 = 1.0f / max1(dot3(to, to), 1e-24f);
     float per_cosine = solid_angle > 0.0f ? solid_angle * sqrt1(inv_r2) : height * inv_r2 * (area * inv_r2) / value;
     if (solid_angle > 0.0f || value > 0.0f)
-        s.irradiance = load3(light->emission) * (receiver_cosine(si, to) * per_cosine);
+        s.irradiance = light_irradiance(light, receiver_cosine(si, to) * per_cosine);
     return s;
 }
 
@@ -188,7 +194,7 @@ INLINE LightSample mesh_sample(const Scene *scene, const global Light *light, co
     s.first = light->first + i;
     s.count = 1u;
     s.q = madd3(n, tri->offset, q);
-    s.irradiance = load3(light->emission) * (patch_factor(si, n, q - si->p) * area_over_pdf);
+    s.irradiance = light_irradiance(light, patch_factor(si, n, q - si->p) * area_over_pdf);
     return s;
 }
 
@@ -211,7 +217,7 @@ INLINE LightSample sphere_light_sample(const global Light *light, const Surface 
     float t = sqrt1(d2) * cos - sqrt1(max1(light->radius * light->radius - d2 * sin2, 0.0f));
     float3 n = normalize3(madd3(wi, t, -to));
     s.q = madd3(n, light->radius + light->offset, load3(light->position));
-    s.irradiance = load3(light->emission) * (receiver_cosine(si, wi) * 2.0f * PI * one_minus_cos_max);
+    s.irradiance = light_irradiance(light, receiver_cosine(si, wi) * 2.0f * PI * one_minus_cos_max);
     return s;
 }
 

@@ -58,6 +58,12 @@ INLINE float max3(float3 a)
     return max1(a.x, max1(a.y, a.z));
 }
 
+/* What overflowed becomes the largest float. */
+INLINE float3 saturate3(float3 a)
+{
+    return (float3)(min1(FLT_MAX, a.x), min1(FLT_MAX, a.y), min1(FLT_MAX, a.z));
+}
+
 /* Two unit vectors that make a right-handed frame with the unit vector n (Duff et al. 2017). */
 INLINE void frame_from(float3 n, float3 *s, float3 *t)
 {

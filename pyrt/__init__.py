@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 from pyrt.errors import DeviceError, PyrtError, SceneError, UsageError
 
 if TYPE_CHECKING:
-    from pyrt.api import RayTracer, Renderer, load_scene, render
+    from pyrt.api import Hits, RayTracer, Renderer, Result, load_scene, render
 
 __version__ = "0.1.0"
 
 __all__ = [
     "DeviceError",
+    "Hits",
     "PyrtError",
     "RayTracer",
     "Renderer",
+    "Result",
     "SceneError",
     "UsageError",
     "__version__",

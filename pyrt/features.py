@@ -19,6 +19,7 @@ from pyrt.scene import (
     Rectangle,
     Refraction,
     Scene,
+    Shape,
     Sphere,
 )
 
@@ -51,6 +52,16 @@ def used_textures(scene: Scene) -> list[int]:
     return sorted({m.texture for m in used_materials(scene) if isinstance(m, Diffuse)})
 
 
+def has_corners(shape: Shape, textures: bool) -> bool:
+    """Whether the kernels read attributes at the shape's corners; `textures`: whether the scene has some that vary.
+
+    A mesh without texture coordinates has the same ones in each triangle; a rectangle's two triangles differ.
+    """
+    if isinstance(shape, Rectangle):
+        return textures
+    return isinstance(shape, Mesh) and (shape.normals is not None or (textures and shape.uvs is not None))
+
+
 def feature_table(scene: Scene) -> list[Feature]:
     """All rows, in the order in which the macros are passed to the compiler."""
     materials = used_materials(scene)
@@ -59,13 +70,12 @@ def feature_table(scene: Scene) -> list[Feature]:
     lights = [s for s in scene.shapes if s.radiance is not None]
     varying = sum(not isinstance(t, ConstantTexture) for t in textures)
     smooth = sum(m.normals is not None for m in meshes)
-    corners = smooth + (sum(m.uvs is not None for m in meshes) if varying else 0)
-
+    corners = sum(has_corners(s, bool(varying)) for s in scene.shapes)
     specular = _count(materials, Refraction) + _count(materials, Dielectric)
     return [
         Feature("HAS_TEXTURES", "texture coordinates and lookup", "textures that vary", varying),
         Feature("HAS_IMAGES", "bilinear image lookup", "image textures", _count(textures, ImageTexture)),
-        Feature("HAS_CORNERS", "per-corner attributes", "meshes with attributes that matter", corners),
+        Feature("HAS_CORNERS", "per-corner attributes", "shapes with attributes that matter", corners),
         Feature("HAS_SMOOTH_NORMALS", "interpolated normals", "meshes with normals", smooth),
         Feature("HAS_SPHERES", "sphere intersection", "spheres", _count(scene.shapes, Sphere)),
         Feature("HAS_SPECULAR", "paths through specular surfaces", "specular materials", specular),

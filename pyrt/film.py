@@ -73,8 +73,10 @@ class Film:
         return {key: np.concatenate([nodes[key] for nodes in strips], axis=2) for key in (strips[0] if strips else ())}
 
     def totals(self) -> Sums:
-        """(2, 3, pixels): sums of all samples and of their squares, the nodes added from the first sample on. Of a film that
-        was filled only in part, the pixels of its first strips."""
+        """(2, 3, pixels): sums of all samples and of their squares, the nodes added from the first sample on.
+
+        Of a film that was filled only in part: the pixels of its first strips.
+        """
         nodes = self._joined()
         total = np.zeros((2, 3, next(iter(nodes.values())).shape[2] if nodes else len(self.count)))
         for key in sorted(nodes, key=lambda key: key[1] << key[0]):

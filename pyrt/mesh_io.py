@@ -49,7 +49,8 @@ def load_mesh(path: str | os.PathLike[str]) -> MeshData:
         raise SceneError(f"{path}: expected a mesh file ending in {', '.join('.' + f for f in FORMATS)}")
     content = read_bytes(path)
     try:
-        mesh = _parse(content, extension, path)
+        with np.errstate(all="ignore"):  # what is not finite is dropped later, and counted
+            mesh = _parse(content, extension, path)
     except Exception as error:  # on malformed files trimesh raises whatever comes up
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise SceneError(f"{path}: not a readable {extension.upper()} mesh: {reason}") from None
@@ -173,9 +174,10 @@ def _apply(linear: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors; NaN for those without a direction."""
+    """Unit vectors, of vectors of any length; NaN for those without a direction."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        unit: NDArray[np.float64] = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+        scaled = vectors / np.abs(vectors).max(axis=-1, keepdims=True)
+        unit: NDArray[np.float64] = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
     return unit
 
 

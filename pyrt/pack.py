@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.features import feature_table, used_textures
+from pyrt.features import has_corners, used_textures
 from pyrt.geometry import (
     Normalisation,
     Triangles,
@@ -157,13 +157,12 @@ def _pack_triangles(
 
 def _pack_corners(scene: Scene, triangles: Triangles) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """Attributes of the triangles that have some which matter, and each triangle's index of them or −1."""
-    on = {row.macro: row.on for row in feature_table(scene)}
+    textures = any(not isinstance(scene.textures[i], ConstantTexture) for i in used_textures(scene))
     index = np.full(len(triangles.shape), -1, np.int32)
     parts = [np.empty(0, dtypes()["Corners"])]
     count = 0
     for i, shape in enumerate(scene.shapes):
-        flat = not isinstance(shape, Mesh) or (shape.normals is None and (shape.uvs is None or not on["HAS_TEXTURES"]))
-        if flat and not (isinstance(shape, Rectangle) and on["HAS_TEXTURES"]):
+        if not has_corners(shape, textures):
             continue
         mine = np.flatnonzero(triangles.shape == i)
         index[mine] = count + np.arange(len(mine), dtype=np.int32)

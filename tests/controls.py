@@ -60,6 +60,8 @@ CONTROLS = {
     "relative shadow epsilon": Control("direct.h", "s->q - o, 1.0f, si->id", "s->q - o, 1.0f - 1e-3f, si->id"),
     "no id skip": Control("scene.h", "id == ray->self || ", ""),
     "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
+    "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
+    "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),
     # No protection, but the truth for one: every box is entered, and nothing is culled by distance.
     "brute force": Control(
         "bvh.h",

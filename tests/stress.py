@@ -98,7 +98,7 @@ class Bounces:
 def bounces(
     shape: Shape, origins: Floats, directions: Floats, steps: int, *controls: str, both_sides: bool = False
 ) -> Bounces:
-    """Paths that bounce up to `steps` times, staying on their side of the surfaces or, with `both_sides`, changing it."""
+    """Paths that bounce up to `steps` times, staying on their side of surfaces or, with `both_sides`, changing it."""
     scene = make_scene(shape, camera=Camera())
     packed = pack_scene(scene)
     device = Device()

@@ -34,8 +34,8 @@ def test_every_control_changes_the_kernels(name):
         assert CONTROLS[name].new in (folder / CONTROLS[name].file).read_text(encoding="utf-8")
 
 
-# Of 100,000 rays at vertices, edge midpoints and edge points of a sphere (N1), and at a sheet of needles (N6), these are
-# lost at least. Half of what was measured; with all protections on it is none.
+# Of 100,000 rays at vertices, edge midpoints and edge points of a sphere (N1), and at a sheet of needles (N6), at least
+# these are lost: half of what was measured. With all protections on it is none.
 LOST = {
     "Möller–Trumbore": (6000, 5000, 5000, 250),
     "contracted edges": (0, 100, 60, 140),
@@ -65,7 +65,7 @@ def test_boxes_without_padding_differ_from_brute_force():
     """N9."""
     origins, directions = inside_rays(SPHERE, "vertices", RAYS)
     with edited("brute force") as truth, kernels("no box padding"):
-        assert disagreements(truth, SPHERE, origins, directions) > 500
+        assert disagreements(truth, SPHERE, origins, directions) > 200
 
 
 def test_a_relative_shadow_epsilon_sees_the_lamp_through_a_plate():

@@ -56,12 +56,12 @@ def test_needles_from_all_sides():
     random = np.random.default_rng(0)
     corners = meshes.needles(random, 300)
     mesh = meshes.soup(corners)
-    origins = random.uniform(-1.5, 1.5, (20_000, 3))
-    targets = meshes.points_on_triangles(random, corners[random.integers(0, 300, 20_000)])
+    origins = random.uniform(-1.5, 1.5, (4_000, 3))
+    targets = meshes.points_on_triangles(random, corners[random.integers(0, 300, 4_000)])
     hits = pyrt.RayTracer(*mesh).closest(origins, targets - origins)
     assert hit_errors(*mesh, origins, targets - origins, hits).max() < 1
     limit = farthest_hit(corners, origins, targets - origins)
-    assert np.isfinite(limit).sum() > 1000
+    assert np.isfinite(limit).sum() > 250
     assert (hits.t <= limit).all()
 
 
@@ -90,11 +90,10 @@ def test_triangles_without_area_and_infinite_ones_change_nothing():
     mesh, place = contaminated(random, vertices, triangles)
     with pytest.warns(UserWarning, match="triangles are not finite or have no area") as caught:
         tracer = pyrt.RayTracer(*mesh)
-        origins, directions = random.uniform(-1.5, 1.5, (2, 50_000, 3))
-        dirty = tracer.closest(origins, directions)
-        tracer.occluded(origins, directions)
     assert len(caught) == 1
     assert tracer.dropped == len(mesh[1]) - len(triangles)
+    origins, directions = random.uniform(-1.5, 1.5, (2, 50_000, 3))
+    dirty = tracer.closest(origins, directions)
     clean = pyrt.RayTracer(vertices, triangles).closest(origins, directions)
     for name in ("t", "u", "v"):
         assert np.array_equal(getattr(dirty, name), getattr(clean, name))

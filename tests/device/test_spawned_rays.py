@@ -124,7 +124,7 @@ def hits_box(origins: meshes.Floats, directions: meshes.Floats) -> meshes.Floats
 
 
 def dark_pixels(camera: Camera, size: int, light: tuple[float, float, float]) -> np.ndarray:
-    """(size, size): whether all of the pixel shows the floor y = 0 in the box's shadow, or sides turned away from the light."""
+    """(size, size): whether all of a pixel shows the floor y = 0 in the box's shadow, or a side without light."""
     place = np.linspace(0, 1, 6)
     corner = np.arange(size)
     film = np.stack(np.meshgrid(corner, corner), axis=2)[:, :, None, None] + np.stack(np.meshgrid(place, place), axis=2)

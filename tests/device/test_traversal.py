@@ -15,7 +15,7 @@ from pyrt.layout import constants
 from pyrt.procedural import icosphere
 from pyrt.tree import build_tree
 from tests import meshes
-from tests.controls import compiled_from, edited
+from tests.controls import edited
 from tests.meshes import Floats, Mesh
 from tests.reference.rays import farthest_hit, hit_errors
 from tests.stress import disagreements, in_plane_rays
@@ -145,7 +145,7 @@ def test_triangles_that_no_split_separates(count, what):
     assert np.array_equal(hits.triangle, lowest)
 
 
-SOUPS = 12
+SOUPS = 8
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_soups_against_brute_force(soups, rays, brute_force):
         targets = meshes.points_on_triangles(random, corners[random.integers(0, len(corners), rays)])
         limit = np.where(random.random(rays) < 0.7, np.inf, random.uniform(0, 2, rays))
         assert disagreements(brute_force, mesh, origins, targets - origins, limit) == 0
-        assert_true_hits(mesh, origins[:1000], (targets - origins)[:1000])
+        assert_true_hits(mesh, origins[:500], (targets - origins)[:500])
 
 
 def test_infinite_rays_miss_and_are_counted():
@@ -218,7 +218,7 @@ def test_extreme_meshes_and_rays(seed):
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*triangles are not finite or have no area")
         tracer = pyrt.RayTracer(*mesh)
-        origins, directions, t_max = numbers(3000, 3), numbers(3000, 3), np.abs(numbers(3000))
+        origins, directions, t_max = numbers(3000, 3), numbers(3000, 3), 4 * np.abs(numbers(3000)) / size
         hits = tracer.closest(origins, directions, t_max)
         occluded = tracer.occluded(origins, directions, t_max)
     found = hits.triangle >= 0

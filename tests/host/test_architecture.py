@@ -17,7 +17,7 @@ LAYERS = """
 __main__
 cli
 __init__
-api info progress
+api info progress doctor
 renderer tracer
 adaptive passes
 device pack scene_io film

@@ -8,13 +8,15 @@ import math
 import numpy as np
 import pytest
 
-from bench import measure, report
+from bench import error, measure, report
+from bench.error import Rung
 from bench.report import Outcome, Table
 
 ABOUT = {
     "date": "2026-01-02 03:04 UTC",
     "machine": "abacus",
     "command": "python -m bench",
+    "peers": "no Mitsuba",
     "device": "beads",
     "versions": {"python": "3"},
 }
@@ -80,6 +82,42 @@ def test_ratios_are_pair_by_pair():
     assert math.isnan(measure.geometric_mean([]))
 
 
+def ladder(contestant: str, rate: float, quality: float) -> list[Rung]:
+    """Rungs whose error is quality / spp and whose time is spp / rate, twice as long in the second repetition."""
+    return [
+        Rung(contestant, spp, spp, [spp / rate, 2 * spp / rate], quality / spp, 0.0, 0.0, None)
+        for spp in (4, 16, 64, 256)
+    ]
+
+
+def test_targets_are_what_the_best_peer_reaches():
+    """Against a peer with half the error at an eighth of the rate, the same error takes a quarter of the time."""
+    rungs = [*ladder("pyrt", 8, 2.0), *ladder("slow peer", 0.1, 9.0), *ladder("peer", 1, 1.0)]
+    rows = error.targets(rungs)
+    assert [row["spp"] for row in rows] == [16, 64, 256]
+    for row in rows[:2]:
+        assert row["relmse"] == pytest.approx(1 / row["spp"])
+        assert (row["ours"], row["peer"]) == ("pyrt", "peer")
+        assert row["seconds"] == pytest.approx(1.5 * row["spp"] * 2 / 8)
+        assert row["ratio"] == pytest.approx(4)
+    assert rows[2]["ours"] is None
+    assert rows[2]["ratio"] is None
+
+
+def test_the_faster_of_our_two_ways_counts():
+    rungs = [*ladder("pyrt", 1, 1.0), *ladder("pyrt --noise", 1, 0.5), *ladder("peer", 1, 1.0)]
+    assert {row["ours"] for row in error.targets(rungs)} == {"pyrt --noise"}
+    assert error.targets(rungs)[0]["ratio"] == pytest.approx(2)
+
+
+def test_without_a_peer_our_own_errors_are_the_targets():
+    row = error.targets(ladder("pyrt", 1, 1.0))[0]
+    assert row["relmse"] == pytest.approx(1 / 16)
+    assert row["seconds"] == pytest.approx(1.5 * 16)
+    assert row["peer"] is None
+    assert row["ratio"] is None
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [
@@ -100,7 +138,7 @@ def test_a_table_is_aligned_markdown_with_its_provenance():
     table = Table("Ray rates", ("scene", "Mrays/s"), (("Cornell", "9.5"), ("mesh", "10.25")), ("higher is better",))
     lines = report.markdown(table, ABOUT).splitlines()
     assert lines[0] == "### Ray rates"
-    assert lines[2:4] == ["2026-01-02 03:04 UTC; abacus; `python -m bench`", "beads; python 3"]
+    assert lines[2:4] == ["2026-01-02 03:04 UTC; abacus; `python -m bench`", "beads; no Mitsuba; python 3"]
     assert lines[5:9] == [
         "| scene   | Mrays/s |",
         "|---------|--------:|",
@@ -123,7 +161,7 @@ def test_two_runs_are_compared_by_their_figures(tmp_path):
 
 
 def test_a_run_says_what_it_ran_on():
-    about = report.provenance(["error", "--scene", "mesh room"], "beads", {"mitsuba": "none"})
+    about = report.provenance(["error", "--scene", "mesh room"], "beads", "no Mitsuba")
     assert about["command"] == "python -m bench error --scene 'mesh room'"
     assert about["versions"]["numpy"] == np.__version__
     assert "cores" in about["machine"]

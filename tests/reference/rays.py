@@ -1,4 +1,4 @@
-"""What ray queries against float32 triangles must find, and how far off they may be: bounds, and brute force in float64."""
+"""What ray queries against float32 triangles must find, and how far off they may be: brute force in float64."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ def test_whole_picture_agrees_with_the_reference(name):
 @pytest.mark.parametrize("name", [*POINT_SCENES, *AREA_SCENES])
 def test_whole_picture_agrees_with_a_finer_reference(name):
     scene = load(name)
-    assert_renders(scene, reference_image(scene, (48, 48), 8), spp=4096)
+    assert_renders(scene, reference_image(scene, (32, 32), 8), spp=1024)
 
 
 @pytest.mark.slow
