@@ -43,7 +43,7 @@ Image = NDArray[np.float32]
 class Settings:
     """What `python -m bench error` may be told."""
 
-    size: int = 512
+    size: int = 256
     repeats: int = 5
     reference_spp: int = 1 << 14
     scenes: tuple[str, ...] = tuple(ERROR_SCENES)

@@ -73,9 +73,11 @@ typedef struct {
 } Path;
 
 /* A glass surface sends a path both ways if the weaker one counts for at least this much and there is room to remember it;
- * else one way is picked by its share. Both are unbiased; the bright reflections of lamps are without noise. */
+ * else one way is picked by its share. Both are unbiased; the bright reflections of lamps are without noise. The threshold
+ * allows 63 splits, unless radiance grows on its way into thinner media: so that they cannot breed, splits are counted too. */
 #define SPLIT_THRESHOLD (1.0f / 64.0f)
 #define SPLIT_PATHS 8
+#define SPLITS 63
 
 INLINE Path path_leave(const Path *from, const Surface *si, float3 d, float weight)
 {
@@ -84,16 +86,18 @@ INLINE Path path_leave(const Path *from, const Surface *si, float3 d, float weig
     return path;
 }
 
-/* Goes on through a specular surface: returns the path to follow now, and may leave another one in `pending`. */
+/* Goes on through a specular surface: returns the path to follow now, and may leave another one in `pending`, if `splits` of
+ * that are left. */
 INLINE Path path_continue(const Path *path, const global Material *material, const Surface *si, Sampler sampler,
-                          uint pair, Path *pending, int *count)
+                          uint pair, Path *pending, int *count, int *splits)
 {
     Specular s = bsdf_specular(material, si, path->d);
     float reflectance = s.reflectance;
     bool reflect = reflectance == 1.0f;
     if (HAS_DIELECTRIC && reflectance > 0.0f && !reflect) {
         float weaker = path->throughput * min1(reflectance, 1.0f - reflectance);
-        if (weaker >= SPLIT_THRESHOLD && *count < SPLIT_PATHS) {
+        if (weaker >= SPLIT_THRESHOLD && *count < SPLIT_PATHS && *splits > 0) {
+            --*splits;
             pending[(*count)++] = path_leave(path, si, s.reflected, reflectance);
             return path_leave(path, si, s.refracted, (1.0f - reflectance) * s.transmission);
         }
@@ -110,7 +114,7 @@ INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sa
     bool has_shafts = scene->params->light_count <= SHAFT_LIGHTS;
     float3 radiance = (float3)(0.0f);
     Path pending[SPLIT_PATHS];
-    int count = 0;
+    int count = 0, splits = SPLITS;
     Path path = {o, d, 1.0f, 0, -1};
     for (;;) {
         Ray ray = ray_make(path.o, path.d, INFINITY, path.self);
@@ -127,7 +131,7 @@ INLINE float3 direct_radiance(const Scene *scene, float3 o, float3 d, Sampler sa
             if (HAS_SPECULAR && si.material >= 0 && bsdf_is_specular(material)) {
                 if (path.depth < scene->params->max_depth) {
                     uint pair = 1u + 2u * (uint)scene->params->light_count + (uint)path.depth;
-                    path = path_continue(&path, material, &si, sampler, pair, pending, &count);
+                    path = path_continue(&path, material, &si, sampler, pair, pending, &count, &splits);
                     ++counters->specular;
                     continue;
                 }

@@ -42,14 +42,13 @@ def funnel(radii: Floats, sectors: int) -> Mesh:
 
 
 def boxes(random: np.random.Generator, count: int) -> Mesh:
-    """Axis-aligned boxes with corners on a coarse lattice, and as many rectangles of them."""
+    """Axis-aligned boxes with corners on a coarse lattice, and single sides of others."""
     low = random.integers(-8, 8, (count, 1, 3)) / 8
     size = random.integers(1, 4, (count, 1, 3)) / 8
     vertices, triangles = cube()
     corners = low + size * (vertices + 1) / 2
     faces = triangles + 8 * np.arange(count)[:, None, None]
-    faces[::2, 2:] = faces[::2, :2].repeat(5, axis=1)
-    return corners.reshape(-1, 3), faces.reshape(-1, 3)
+    return corners.reshape(-1, 3), np.concatenate([faces[::2, :2].reshape(-1, 3), faces[1::2].reshape(-1, 3)])
 
 
 def random_triangles(random: np.random.Generator, count: int) -> Floats:

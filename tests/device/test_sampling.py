@@ -151,7 +151,7 @@ def owen_scramble(x: NDArray[np.intp], rng: np.random.Generator) -> NDArray[np.i
 # Convergence ----------------------------------------------------------------------------------------------------------
 
 INTEGRANDS: dict[str, tuple[Callable[[Array, Array], Array], float, float]] = {
-    "smooth": (lambda x, y: np.exp(x * y), 1.3179021514544038, -1.4),
+    "smooth": (lambda x, y: np.exp(x * y), 1.3179021514544038, -1.3),
     "slanted step": (lambda x, y: (y > 0.3 + 0.37 * x).astype(float), 0.515, -0.72),
     "disc": (lambda x, y: (x * x + y * y < 1).astype(float), np.pi / 4, -0.72),
     "corner": (lambda x, y: ((y > 0.3 + 0.37 * x) & (y > 0.9 - 0.81 * x)).astype(float), 0.36245762711864404, -0.72),

@@ -7,7 +7,6 @@ radiance that a diffuse surface of reflectance ρ sends back is ρ·E/π. Every 
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +19,9 @@ FORM_FACTOR_PERPENDICULAR = 0.2000438  # unit squares with a common edge, at a r
 CLEARANCE = 1e-9  # an occluder counts where it is this far above the receiver and in front of the light
 
 
-def dot(a: Array, b: Array) -> Any:
-    return np.einsum("...i,...i->...", a, b)
+def dot(a: Array, b: Array) -> Array:
+    """Scalar products along the last axis."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
 def unit(v: ArrayLike) -> Array:
@@ -105,7 +105,7 @@ def visible_irradiance(
             chosen = np.flatnonzero(_overlaps(points, normals, polygon, triangle)[owner])
             shadows = _shadow(points[owner[chosen]], normals[owner[chosen]], polygon[0], front, triangle)
             pieces, owner = _cut(pieces, owner, chosen, _edge_planes(shadows))
-    return np.bincount(owner, cone_irradiance(pieces, shading[owner]), len(points))
+    return np.bincount(owner, cone_irradiance(pieces, shading[owner]), len(points)).astype(float)
 
 
 def _overlaps(points: Array, normals: Array, polygon: Array, triangle: Array) -> NDArray[np.bool_]:
@@ -194,7 +194,7 @@ def fresnel(cosine: ArrayLike, eta: ArrayLike) -> Array:
 
 def slab_shift(theta: ArrayLike, thickness: float, ior: float) -> Array:
     """Lateral shift t sinθ (1 − cosθ / √(n² − sin²θ)) of a ray that crosses a plane-parallel plate at angle θ (rad)."""
-    sine, cosine = np.sin(theta), np.cos(theta)
+    sine, cosine = np.sin(np.asarray(theta, float)), np.cos(np.asarray(theta, float))
     return np.asarray(thickness * sine * (1 - cosine / np.sqrt(ior**2 - sine**2)))
 
 

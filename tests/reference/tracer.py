@@ -177,7 +177,7 @@ def _specular(world: World, rays: Rays, hits: Hits) -> Rays:
             rows.append(replace(bent, weight=ray.weight * (1 - reflectance) * eta**2))
     rows.append(rays[:0])
     joined = Rays(*(np.concatenate([getattr(row, name) for row in rows]) for name in Rays.__dataclass_fields__))
-    return joined[joined.weight > NEGLIGIBLE]
+    return joined[np.flatnonzero(joined.weight > NEGLIGIBLE)]
 
 
 def _specular_normals(directions: Array, normals: Array, shading: Array) -> Array:

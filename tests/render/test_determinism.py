@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import pyrt
@@ -48,6 +49,14 @@ def another(renderer: pyrt.Renderer, scene: Scene = SCENE) -> pyrt.Renderer:
 def test_pass_size(expected, renderer, pass_samples):
     """Half the samples of one pixel at a time; some pixels at a time; and 16 passes of 60 pixels."""
     assert digest(renderer, pass_samples=pass_samples) == expected
+
+
+def test_pass_size_of_adaptive_sampling(renderer):
+    """Which pixels go on does not depend on the passes either."""
+    once, often = (renderer.render(64, size=SIZE, noise=0.02, pass_samples=n) for n in (1 << 20, 100))
+    assert len(np.unique(once.samples)) > 1
+    np.testing.assert_array_equal(once.samples, often.samples)
+    np.testing.assert_array_equal(once.image, often.image)
 
 
 @pytest.mark.parametrize("local_size", [128, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8, 32))])
@@ -116,6 +125,6 @@ def test_samples_that_depend_on_the_pass_are_noticed(old, new):
     text = (kernel_dir() / "render.cl").read_text(encoding="utf-8")
     assert text.count(old) == 1
     with kernels(files={"render.cl": text.replace(old, new)}):
-        renderer = pyrt.Renderer(SCENE)
+        renderer = pyrt.Renderer(pyrt.load_scene("example:cornell"))
     assert digest(renderer) != digest(renderer, pass_samples=13)
 

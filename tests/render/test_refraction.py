@@ -159,6 +159,32 @@ def test_glass_of_the_same_index_is_invisible(material):
     assert_renders(glass_scene(ball, material=material), truth, spp=256, bias=1e-5)
 
 
+AWAY = pytest.mark.xfail(reason="the kernels bend by a shading normal that faces away from the ray")
+
+
+@pytest.mark.parametrize("lean", [30, pytest.param(85, marks=AWAY)])
+def test_glass_bends_by_its_shading_normal_unless_that_faces_away(lean):
+    """One normal for all of a pane; leaning by 85° it faces away from the camera, and the geometric one stands in."""
+    normal = np.array([-math.sin(math.radians(lean)), 0.0, math.cos(math.radians(lean))])
+    pane = Mesh(
+        name="pane",
+        material=1,
+        vertices=np.array([(-9.0, -9.0, 1.0), (9.0, -9.0, 1.0), (0.0, 9.0, 1.0)]),
+        triangles=np.array([(0, 1, 2)], np.int32),
+        normals=np.broadcast_to(normal.astype(np.float32), (1, 3, 3)),
+    )
+    camera = Camera((1, 0, 3), (0, 0, 1), (0, 1, 0), 6)
+    bending = normal if lean == 30 else UP
+
+    def path(origins: Array, directions: Array) -> Array:
+        assert (directions @ normal < 0).all() == (lean == 30)
+        bent = analytic.refract(directions, np.broadcast_to(bending, directions.shape), 1 / 1.5)
+        return to_plane(to_plane(origins, directions, 1), bent, 0)
+
+    scene = glass_scene(pane, material=Refraction(1 / 1.5), camera=camera)
+    assert_renders(scene, through(path, camera), spp=256, bias=1e-5)
+
+
 @pytest.mark.parametrize("max_depth", [0, 1, 3, 4, 16])
 def test_path_ends_black_after_max_depth_events(max_depth):
     panes = [replace(PANE, center=(0, 0, 1 + 0.2 * i)) for i in range(4)]
