@@ -12,7 +12,7 @@ from bench.report import Table, number
 
 def tables(measured: Mapping[str, Any], how: str) -> tuple[Table, ...]:
     """All tables that have rows; `how` is a note on the settings."""
-    made = (_targets(measured, how), _ladders(measured), _noise(measured), _bias(measured))
+    made = (_targets(measured, how), _ladders(measured), _noise(measured), _stages(measured), _bias(measured))
     return tuple(table for table in made if table.rows)
 
 
@@ -58,6 +58,12 @@ def _noise(measured: Mapping[str, Any]) -> Table:
     columns = ("scene", "--noise", "stated", "reached", "spp", "reached / stated")
     notes = ("Root of the mean squared relative error of the whole picture, nothing trimmed. Honest: at most 1.5.",)
     return Table("Noise targets", columns, tuple(rows), notes)
+
+
+def _stages(measured: Mapping[str, Any]) -> Table:
+    stages = list(next(iter(measured.values()))["stages"]) if measured else []
+    rows = [(name, *(number(data["stages"][stage]) for stage in stages)) for name, data in measured.items()]
+    return Table("Stages at 16 spp", ("seconds", *stages), tuple(rows))
 
 
 def _bias(measured: Mapping[str, Any]) -> Table:

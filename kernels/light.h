@@ -183,13 +183,13 @@ INLINE LightSample mesh_sample(const Scene *scene, const global Light *light, co
 {
     const global uint *cdf = scene->cdf + light->cdf;
     int i = cdf_find(cdf, light->count, pick);
-    uint share = cdf[i] - (i > 0 ? cdf[i - 1] : 0u) + (i + 1 == light->count ? 1u : 0u);
+    float share = (float)(cdf[i] - (i > 0 ? cdf[i - 1] : 0u)) + (i + 1 == light->count ? 1.0f : 0.0f);
     const global Triangle *tri = &scene->triangles[light->first + i];
     float3 n = load3(tri->n), e1 = load3(tri->e1), e2 = load3(tri->e2);
     float2 b = sample_triangle(u);
     float3 q = madd3(e2, b.y, madd3(e1, b.x, load3(tri->v0)));
     float3 c = cross3(e1, e2);
-    float area_over_pdf = 0.5f * sqrt1(dot3(c, c)) * (0x1p32f / (float)share);
+    float area_over_pdf = 0.5f * sqrt1(dot3(c, c)) * (0x1p32f / share);
     LightSample s = light_sample_none(light);
     s.first = light->first + i;
     s.count = 1u;

@@ -10,7 +10,7 @@
 #include "triangle.h"
 
 #define VOLUME_PLANES 18       /* a shaft's: 6 of its box and at most 12 between the corners */
-#define VOLUME_ULPS 64.0f      /* outward shift of each plane in half ulps of the scene's extent */
+#define VOLUME_ULPS 128.0f     /* outward shift of each plane in half ulps of the scene's extent */
 
 typedef struct {
     float3 n[VOLUME_PLANES];

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pyrt import __version__
-from pyrt.errors import PyrtError, SceneError, UsageError
+from pyrt.errors import DeviceError, PyrtError, SceneError, UsageError
 
 if TYPE_CHECKING:
     from pyrt.renderer import Result
@@ -96,6 +96,14 @@ def _devices(args: argparse.Namespace) -> int:
         print(f"{mark} {device.index}: {device.kind}  {device.name}")
         print(f"      {device.platform}, {device.version}\n      {size}")
     return 0
+
+
+def _doctor(args: argparse.Namespace) -> int:
+    from pyrt.doctor import doctor_report
+
+    report, sound = doctor_report(args.device)
+    print(report)
+    return 0 if sound else DeviceError.exit_code
 
 
 # --- helpers ----------------------------------------------------------------------------------------------------------
@@ -234,4 +242,7 @@ def _parser() -> argparse.ArgumentParser:
     ):
         verbs.add_parser(name, parents=[on_scene], help=text).set_defaults(run=run)
     verbs.add_parser("devices", help="list the OpenCL devices").set_defaults(run=_devices)
+    doctor = verbs.add_parser("doctor", help="check whether this machine's OpenCL can render, and how exact it is")
+    doctor.add_argument("--device", metavar="NAME", help="index or part of the name of the device to probe")
+    doctor.set_defaults(run=_doctor)
     return parser

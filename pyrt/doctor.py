@@ -57,6 +57,18 @@ def probe(device: Device) -> list[Finding]:
     return judge(measure(device))
 
 
+def open_device(wanted: str | int | None = None) -> Device:
+    """Opens the device, and probes it unless it is PoCL's CPU device, which the tests hold to the same promises.
+
+    Raises:
+        DeviceError: there is none, or it breaks a promise.
+    """
+    device = Device(wanted)
+    if not (device.info.is_pocl and device.info.kind == "cpu"):
+        require_sound(device)
+    return device
+
+
 def require_sound(device: Device) -> None:
     """Accepts the device.
 

@@ -8,14 +8,16 @@ from pyrt.passes import PASS_SAMPLES
 from pyrt.scene import Scene
 
 _BYTES_PER_SAMPLE = 12  # radiance of one pass, in float32
-_BYTES_PER_PIXEL = 3 * 8 + 3 * 8 + 4 + 4 + 3 * 4 + 3 * 4 + 4  # sums, squares, counts, order, and the result's arrays
+_BYTES_PER_PIXEL = 4 + 4 + 3 * 4 + 3 * 4 + 4  # counts, order, and the result's arrays
+_BYTES_PER_SUM = 2 * 3 * 8  # of a pixel's samples and their squares; the film keeps one for each bit of spp, and the total
 
 
 def scene_report(scene: Scene) -> str:
     """A few lines of text; builds the tree, renders nothing."""
     report = pack_scene(scene).report
     width, height = scene.film.width, scene.film.height
-    host = width * height * _BYTES_PER_PIXEL + min(PASS_SAMPLES, width * height * scene.spp) * _BYTES_PER_SAMPLE
+    pixel = _BYTES_PER_PIXEL + _BYTES_PER_SUM * (1 + scene.spp.bit_count())
+    host = width * height * pixel + min(PASS_SAMPLES, width * height * scene.spp) * _BYTES_PER_SAMPLE
     mib = {"scene": report["bytes"] / 2**20, "picture": host / 2**20}
     lines = [
         f"scene      {scene.name}: {width}x{height}, {scene.spp} spp, at most {scene.max_depth} specular events",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pyrt import film
 from pyrt.adaptive import FIRST_SAMPLES, Refined, refine
-from pyrt.device import Device
+from pyrt.doctor import open_device
 from pyrt.errors import UsageError
 from pyrt.features import build_options, feature_table
 from pyrt.layout import constants, dtypes
@@ -81,7 +81,7 @@ class Renderer:
         self._seconds["build"] = perf_counter() - start
         self._progress({"stage": "compile", "done": 0.0})
         start = perf_counter()
-        self._device = Device(device)
+        self._device = open_device(device)
         self._beams = beams
         options = [*build_options(self._features, everything=all_features), f"-DHAS_BEAMS={int(beams)}", *build_flags]
         self._kernels = self._device.build("render.cl", options)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyrt.device import Device
+from pyrt.doctor import open_device
 from pyrt.errors import UsageError
 from pyrt.geometry import normalisation, valid_triangles
 from pyrt.layout import dtypes
@@ -66,7 +66,7 @@ class RayTracer:
         self._bound = np.abs(normal).max(axis=(0, 1), initial=0.0).astype(np.float64)
         params = np.zeros((), dtypes()["SceneParams"])
         params["root"], params["triangle_count"], params["bound"] = tree.root, len(normal), round_up(self._bound)
-        self._device = Device(device)
+        self._device = open_device(device)
         self._kernels = self._device.build("trace.cl", ["-DHAS_SPHERES=0"])
         uploads = {"parameters": params, "nodes": tree.nodes, "triangle blocks": tree.triangle_blocks}
         self._scene = [self._device.upload(name, array) for name, array in uploads.items()]

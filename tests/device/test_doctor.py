@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyrt.doctor import Finding, doctor_report, judge, measure, probe, require_sound
+from pyrt.device import DeviceInfo
+from pyrt.doctor import Finding, doctor_report, judge, measure, open_device, probe, require_sound
 from pyrt.errors import DeviceError
 from pyrt.layout import kernel_dir
 from tests.controls import kernels
@@ -90,6 +91,14 @@ def test_a_broken_device_is_refused_with_one_sentence():
         f"{device().info}: expected fused products and sums that round once, without which "
         "rays could slip between triangles"
     )
+
+
+def test_other_devices_than_pocl_are_probed_before_use(monkeypatch):
+    with edited("probe.cl", "fma1(a, b, c)", "a * b + c"):
+        open_device()
+        monkeypatch.setattr(DeviceInfo, "is_pocl", False)
+        with pytest.raises(DeviceError, match="rays could slip"):
+            open_device()
 
 
 def test_report():

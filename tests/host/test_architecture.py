@@ -17,9 +17,9 @@ LAYERS = """
 __main__
 cli
 __init__
-api info progress doctor
+api info progress
 renderer tracer
-adaptive passes
+adaptive passes doctor
 device pack scene_io film
 pack_lights tree scene_json
 features geometry bvh image_io mesh_io schema_errors

@@ -26,7 +26,7 @@ def dot(a: Array, b: Array) -> Array:
 
 def unit(v: ArrayLike) -> Array:
     v = np.asarray(v, float)
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
 
 # Lights ---------------------------------------------------------------------------------------------------------------
@@ -37,7 +37,7 @@ def point_irradiance(points: Array, normals: Array, position: ArrayLike, flux: A
     to_light = np.asarray(position, float) - points
     r2 = dot(to_light, to_light)
     cosine = np.maximum(0.0, dot(normals, to_light)) / np.sqrt(r2)
-    return (cosine / (4 * np.pi * r2))[..., None] * np.asarray(flux, float)
+    return np.asarray((cosine / (4 * np.pi * r2))[..., None] * np.asarray(flux, float))
 
 
 def sphere_irradiance(points: Array, normals: Array, center: ArrayLike, radius: float) -> Array:
@@ -77,7 +77,7 @@ def cone_irradiance(cones: Array, normals: Array) -> Array:
     length = np.linalg.norm(gamma, axis=-1)
     angle = np.arctan2(length, dot(cones, following))
     cosine = np.divide(dot(gamma, normals[:, None]), length, out=np.zeros_like(angle), where=length > 0)
-    return 0.5 * (angle * cosine).sum(1)
+    return np.asarray(0.5 * (angle * cosine).sum(1))
 
 
 def polygon_irradiance(points: Array, normals: Array, light: ArrayLike) -> Array:
@@ -114,7 +114,7 @@ def _overlaps(points: Array, normals: Array, polygon: Array, triangle: Array) ->
     a, b = polygon - points[:, None], triangle - points[:, None]
     for first, second in ((a, b), (b, a)):
         overlap &= (np.einsum("nei,nvi->nev", _edge_planes(first), second) > 0).any(2).all(1)
-    return overlap
+    return np.asarray(overlap)
 
 
 def _edge_planes(cones: Array) -> Array:
@@ -123,7 +123,7 @@ def _edge_planes(cones: Array) -> Array:
     planes = np.cross(cones, following)
     scale = np.linalg.norm(cones, axis=-1) * np.linalg.norm(following, axis=-1)
     planes[np.linalg.norm(planes, axis=-1) <= 1e-11 * scale] = 0.0
-    return planes * np.sign(np.einsum("nei,nvi->n", planes, cones))[:, None, None]
+    return np.asarray(planes * np.sign(np.einsum("nei,nvi->n", planes, cones))[:, None, None])
 
 
 def _shadow(points: Array, normals: Array, on_light: Array, front: Array, triangle: Array) -> Array:
@@ -204,7 +204,7 @@ def slab_transmittance(cosine: ArrayLike, ior: float) -> Array:
     return (1 - reflectance) / (1 + reflectance)
 
 
-def prism_deviation(theta: ArrayLike, apex: float, ior: float) -> Array:
+def prism_deviation(theta: Array, apex: float, ior: float) -> Array:
     """Angle (rad) by which a prism of the given apex angle turns a ray that enters it at angle θ: θ_1 + θ_4 − apex."""
     inside = apex - np.arcsin(np.sin(theta) / ior)
     return np.asarray(theta + np.arcsin(ior * np.sin(inside)) - apex)

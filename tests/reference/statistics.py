@@ -42,7 +42,8 @@ def replicate(samples: Array) -> Estimate:
 def gaussian(t: ArrayLike, freedom: int) -> Array:
     """The standard normal score as improbable as Student's t with `freedom` degrees (Wallace 1959, within 1 %)."""
     t = np.asarray(t, float)
-    return np.sign(t) * (8 * freedom + 1) / (8 * freedom + 3) * np.sqrt(freedom * np.log1p(t**2 / freedom))
+    scale = (8 * freedom + 1) / (8 * freedom + 3)
+    return np.asarray(np.sign(t) * scale * np.sqrt(freedom * np.log1p(t**2 / freedom)))
 
 
 def assert_agrees(scores: Array, alpha: float = 1e-3) -> None:

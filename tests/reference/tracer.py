@@ -113,7 +113,8 @@ def pixel_average(
     inside = np.stack(np.meshgrid(nodes, nodes), 2).reshape(-1, 2) / 2 + 0.5
     corner = np.stack(np.meshgrid(np.arange(width), np.arange(height)), 2)
     values = function(*camera_rays(camera, size, (corner[:, :, None] + inside).reshape(-1, 2)))
-    return np.einsum("hwnc,n->hwc", values.reshape(height, width, order**2, 3), np.outer(weights, weights).ravel() / 4)
+    values = values.reshape(height, width, order**2, 3)
+    return np.asarray(np.einsum("hwnc,n->hwc", values, np.outer(weights, weights).ravel() / 4))
 
 
 def radiance(
@@ -210,10 +211,10 @@ def _area_irradiance(world: World, at: Receivers, index: int) -> Array:
         return _sampled_sphere(world, at, shape)
     emitting = geometry.triangles[geometry.shape[: len(geometry.triangles)] == index]
     if len(geometry.radii) or len(geometry.triangles) > EXACT_TRIANGLES:
-        return np.sum([_sampled_triangle(world, at, triangle) for triangle in emitting], axis=0)
+        return np.asarray(np.sum([_sampled_triangle(world, at, triangle) for triangle in emitting], axis=0))
     polygons = [np.append(emitting[0], emitting[1, 2:], 0)] if isinstance(shape, Rectangle) else emitting
     exact = (visible_irradiance(at.points, at.normals, p, geometry.triangles, at.shading) for p in polygons)
-    return np.sum(list(exact), axis=0)
+    return np.asarray(np.sum(list(exact), axis=0))
 
 
 def _strata(world: World, count: int) -> Array:

@@ -90,10 +90,11 @@ def test_info_names_every_feature_with_a_reason(capsys):
     assert "no spheres" in text
 
 
-def test_validate_and_devices(capsys):
+def test_validate_devices_and_doctor(capsys):
     assert main(["validate", SCENE]) == 0
     assert main(["devices"]) == 0
-    assert capsys.readouterr().out.count("*") == 1
+    assert main(["doctor"]) == 0
+    assert capsys.readouterr().out.count("*") == 2
 
 
 def test_without_an_opencl_platform_the_message_names_the_cure(tmp_path):
