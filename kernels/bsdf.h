@@ -65,14 +65,15 @@ INLINE Specular bsdf_specular(const global Material *material, const Surface *si
         return straight;
     }
     d = normalize3(d);
+    float3 n = dot3(d, si->n) < 0.0f ? si->n : si->ng; /* an interpolated normal may face away from the ray */
     float eta = si->front ? material->eta : 1.0f / material->eta;
-    float cos_i = min1(abs1(dot3(d, si->n)), 1.0f);
+    float cos_i = min1(abs1(dot3(d, n)), 1.0f);
     float cos2_t = cos2_transmitted(eta, cos_i);
     float cos_t = sqrt1(max1(cos2_t, 0.0f));
     bool total = cos2_t < 0.0f;
     Specular s;
-    s.reflected = reflect(d, si->n, cos_i);
-    s.refracted = refract(d, si->n, eta, cos_i, cos_t);
+    s.reflected = reflect(d, n, cos_i);
+    s.refracted = refract(d, n, eta, cos_i, cos_t);
     s.reflectance = total ? 1.0f : 0.0f;
     s.transmission = 1.0f;
     if (HAS_DIELECTRIC && material->kind == MATERIAL_DIELECTRIC) {

@@ -9,7 +9,7 @@ from pyrt.scene import Scene
 
 _BYTES_PER_SAMPLE = 12  # radiance of one pass, in float32
 _BYTES_PER_PIXEL = 4 + 4 + 3 * 4 + 3 * 4 + 4  # counts, order, and the result's arrays
-_BYTES_PER_SUM = 2 * 3 * 8  # of a pixel's samples and their squares; the film keeps one for each bit of spp, and the total
+_BYTES_PER_SUM = 2 * 3 * 8  # of a pixel's samples and squares; the film keeps one for each bit of spp, and the total
 
 
 def scene_report(scene: Scene) -> str:

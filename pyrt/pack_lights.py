@@ -20,8 +20,8 @@ from pyrt.geometry import (
 from pyrt.layout import constants, dtypes
 from pyrt.scene import PointLight, Rectangle, Scene, Sphere
 
-# Extents to the scene. A point light beyond is moved in to this distance and dimmed, so that the light in the scene is the
-# same to float32's precision, and no square of a distance overflows.
+# Extents to the scene. A point light beyond is moved in to this distance and dimmed, so that the light in the scene is
+# the same to float32's precision, and no square of a distance overflows.
 _FARTHEST = 2.0**24
 
 def pack_lights(

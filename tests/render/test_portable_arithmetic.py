@@ -1,4 +1,4 @@
-"""The kernels' two forms of arithmetic: native instructions where the compiler has them, OpenCL's own functions elsewhere."""
+"""The kernels' two forms of arithmetic: native instructions where there are some, OpenCL's functions elsewhere."""
 
 import numpy as np
 import pytest

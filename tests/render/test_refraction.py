@@ -159,10 +159,7 @@ def test_glass_of_the_same_index_is_invisible(material):
     assert_renders(glass_scene(ball, material=material), truth, spp=256, bias=1e-5)
 
 
-AWAY = pytest.mark.xfail(reason="the kernels bend by a shading normal that faces away from the ray")
-
-
-@pytest.mark.parametrize("lean", [30, pytest.param(85, marks=AWAY)])
+@pytest.mark.parametrize("lean", [30, 85])
 def test_glass_bends_by_its_shading_normal_unless_that_faces_away(lean):
     """One normal for all of a pane; leaning by 85° it faces away from the camera, and the geometric one stands in."""
     normal = np.array([-math.sin(math.radians(lean)), 0.0, math.cos(math.radians(lean))])
