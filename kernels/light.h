@@ -224,6 +224,8 @@ INLINE LightSample sphere_light_sample(const global Light *light, const Surface 
 /* `pair`: the first of two dimension pairs that the light may use. */
 INLINE LightSample light_sample(const Scene *scene, const global Light *light, const Surface *si, Sampler sampler, uint pair)
 {
+    if (HAS_AREA_LIGHTS && light->kind == LIGHT_RECTANGLE && !(dot3(load3(light->n), si->p - load3(light->position)) > 0.0f))
+        return light_sample_none(light); /* behind it: no need of a sample */
     if (HAS_RECTANGLE_LIGHTS && light->kind == LIGHT_RECTANGLE)
         return rectangle_sample(light, si, sample_2d(sampler, pair));
     if (HAS_MESH_LIGHTS && light->kind == LIGHT_MESH)

@@ -85,10 +85,10 @@ typedef struct {
 INLINE uint beam_block_mask(const Beam *beam, const global TriangleBlock *block, float pad)
 {
     int8 negative[3] = {(int8)(-1), (int8)(-1), (int8)(-1)}, positive[3] = {(int8)(-1), (int8)(-1), (int8)(-1)};
-    int kz = shear_from(beam->o[0], beam->d[0]).kz;
+    Shear first = shear_from(beam->o[0], beam->d[0]);
     for (int i = 0; i < 4; ++i) {
         Shear s = shear_from(beam->o[i], beam->d[i]);
-        if (s.kz != kz)
+        if (s.kz != first.kz || (s.sz < 0.0f) != (first.sz < 0.0f))
             return 0xffu; /* the shear would not be linear over the beam */
         float8 x[3], y[3];
         for (int k = 0; k < 3; ++k) {

@@ -3,7 +3,8 @@
 All pixels begin with 16 samples. Then those whose error, pooled over 3×3 pixels, is above the target double their
 samples, again and again. A pixel's error is estimated by comparing its two halves, each a stratified point set of its
 own: half their difference, squared, is the variance of their mean if they err independently. Halves of one Sobol'
-sequence rather compensate each other, so the estimate is on the safe side.
+sequence rather compensate each other, which makes the estimate too high; a pixel whose first samples all miss a detail
+makes it too low, and the more so the tighter the target is.
 
 Which pixels go on depends on the samples that they already have, so the picture is not strictly unbiased; the bias is
 small because the decision pools nine pixels. A fixed number of samples has no such bias.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
+import os
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -30,7 +32,12 @@ _RENDER_EXAMPLES = """examples:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
-    args = _parser().parse_args(argv)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: names of files need not be text
+    parser = _parser()
+    args = parser.parse_args(argv)
+    if any(value == [] or (isinstance(value, list) and [] in value) for value in vars(args).values()):
+        parser.error("an option has the value --")  # `--spp=--`, which Python's argparse before 3.13 takes for []
     try:
         status: int = args.run(args)
         return status
@@ -52,12 +59,12 @@ def _render(args: argparse.Namespace) -> int:
     from pyrt.progress import show_progress
     from pyrt.renderer import Renderer
 
-    _check_outputs(args.output or [], args.no_clobber)
+    _check_outputs(args.output or [], args)
     with show_progress("none" if args.quiet else args.progress) as progress:
         progress({"stage": "load", "done": 0.0})
         scene = _load(args)
         outputs = args.output or [f"{scene.name}.exr", f"{scene.name}.png"]
-        _check_outputs(outputs, args.no_clobber)
+        _check_outputs(outputs, args)
         renderer = Renderer(scene, args.device, progress=progress)
         result = renderer.render(
             args.spp, args.seed, args.size, noise=args.noise, time_limit=args.time, progress=progress
@@ -118,14 +125,12 @@ def _load(args: argparse.Namespace) -> Scene:
     return scene
 
 
-def _check_outputs(paths: list[str], no_clobber: bool) -> None:
-    from pathlib import Path
-
+def _check_outputs(paths: list[str], args: argparse.Namespace) -> None:
     from pyrt.image_io import check_output
 
     for path in paths:
-        check_output(path)
-        if no_clobber and Path(path).exists():
+        check_output(path, args.exposure)
+        if args.no_clobber and os.path.exists(path):
             raise UsageError(f"{path}: exists already, and --no-clobber forbids to replace it")
 
 
@@ -163,10 +168,11 @@ def _summarise(result: Result, outputs: list[str]) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, cross, height = text.lower().partition("x")
-    if not (cross and width.isdigit() and height.isdigit()):
-        raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT such as 640x480, got "{text}"')
-    return int(width), int(height)
+    width, _, height = text.lower().partition("x")
+    try:
+        return int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT such as 640x480, got "{text}"') from None
 
 
 def _seconds(text: str) -> float:
@@ -183,7 +189,7 @@ def _setting(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(f'expected PATH=VALUE such as camera.fov=40, got "{text}"')
     try:
         return path, json.loads(value)
-    except ValueError:
+    except (ValueError, RecursionError):
         return path, value
 
 

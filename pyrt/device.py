@@ -103,7 +103,7 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
         return max(pocl, key=lambda d: d.version) if pocl else devices[0]
     text = str(wanted)
     if text.isdigit():
-        fits = [d for d in devices if d.index == int(text)]
+        fits = [d for d in devices if str(d.index) == text]
     else:
         fits = [d for d in devices if text.lower() in f"{d.name} {d.platform} {d.version}".lower()]
     if not fits:
@@ -146,7 +146,8 @@ class Device:
                 first = next((line for line in str(error).splitlines() if "error:" in line), str(error).split("\n")[0])
                 raise DeviceError(f"{self.info}: {source} does not compile: {first.strip()}") from error
         self.compile_seconds += perf_counter() - start
-        return {kernel.function_name: kernel for kernel in program.all_kernels()}
+        # program.all_kernels() never lets go of them (pyopencl 2026.1), nor so of the program's 2 MB
+        return {name: cl.Kernel(program, name) for name in program.kernel_names.split(";")}
 
     def upload(self, name: str, array: NDArray[Any]) -> Any:
         """A read-only buffer with the array's bytes, shared with the array where the device allows it."""

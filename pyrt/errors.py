@@ -26,13 +26,14 @@ class SceneError(PyrtError):
     """The scene description, or a file that it names, is invalid.
 
     Attributes:
-        problems: one sentence per problem, each starting with its place (file and JSON path).
+        problems: one sentence per problem, each starting with its place (file and JSON path). What they quote may hold
+            any characters; those that cannot be printed are escaped.
     """
 
     exit_code = 3
 
     def __init__(self, problems: str | list[str]):
-        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        self.problems = [_printable(text) for text in ([problems] if isinstance(problems, str) else problems)]
         super().__init__("\n".join(self.problems))
 
 
@@ -40,3 +41,7 @@ class DeviceError(PyrtError):
     """No OpenCL device can run the kernels, or the chosen one cannot hold the scene."""
 
     exit_code = 4
+
+
+def _printable(text: str) -> str:
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

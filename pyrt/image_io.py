@@ -17,6 +17,7 @@ from pyrt.files import check_file, replacing
 MAX_TEXTURE_SIDE = 32768
 MAX_TEXELS = 2**27  # 1.5 GiB of float32 RGB; a device buffer may end at 2 GiB
 MAX_HALF = 65504.0
+MAX_EXPOSURE = 120  # whose gain float32 holds
 
 _DISPLAY = {".png", ".jpg", ".jpeg"}
 _LINEAR = {".exr", ".hdr", ".tif", ".tiff", ".npy"}
@@ -55,6 +56,8 @@ def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) ->
     import OpenImageIO as oiio
 
     check_file(path)
+    if not _is_utf8(os.fspath(path)):
+        raise SceneError(f"{path}: expected a name that can be written as UTF-8")
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)  # else the colours of PNG come multiplied by alpha
     file = oiio.ImageInput.open(os.fspath(path), hints)
@@ -105,16 +108,21 @@ def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
         return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
 
 
-def check_output(path: str | os.PathLike[str]) -> None:
-    """Raises UsageError if `write_image` could not write there: an unknown extension, or no folder to write to."""
+def check_output(path: str | os.PathLike[str], exposure: float = 0.0) -> None:
+    """Raises UsageError if `write_image` could not write that: an unknown extension, no folder to write to, or an
+    exposure that is out of range."""
     target = Path(path)
     extensions = sorted(_DISPLAY | _LINEAR)
     if target.suffix.lower() not in extensions:
         raise UsageError(f"{path}: expected a name ending in {', '.join(extensions)}")
-    if target.is_dir():
+    if not _is_utf8(os.path.realpath(target)):
+        raise UsageError(f"{path}: expected a name, in folders, that can be written as UTF-8")
+    if os.path.isdir(target):  # unlike Path.is_dir, no error for a name that is too long
         raise UsageError(f"{path}: expected a file name, found a folder")
-    if not target.parent.is_dir():
+    if not os.path.isdir(target.parent):
         raise UsageError(f"{path}: there is no folder {target.parent}")
+    if not abs(exposure) <= MAX_EXPOSURE:
+        raise UsageError(f"exposure: expected stops from {-MAX_EXPOSURE} to {MAX_EXPOSURE}, got {exposure:g}")
     if not os.access(target.parent, os.W_OK):
         raise UsageError(f"{path}: the folder {target.parent} is not writable")
 
@@ -142,7 +150,7 @@ def write_image(
         UsageError: as `check_output`.
         PyrtError: writing failed, for instance because the disk is full.
     """
-    check_output(path)
+    check_output(path, exposure)
     extension = Path(path).suffix.lower()
     pixels = np.asarray(image, np.float32)
     warnings: tuple[str, ...] = ()
@@ -151,7 +159,9 @@ def write_image(
             if extension == ".npy":
                 np.save(temporary, pixels)
             elif extension in _DISPLAY:
-                _write_display(temporary, pixels * np.float32(2.0**exposure))
+                with np.errstate(over="ignore"):  # white then
+                    pixels = pixels * np.float32(2.0**exposure)
+                _write_display(temporary, pixels)
             elif extension == ".exr":
                 warnings = _write_exr(temporary, pixels, planes or {}, metadata or {}, half)
             else:
@@ -215,6 +225,11 @@ def _write(path: Path, spec: Any, pixels: Image) -> None:
 
 def _date() -> str:
     return time.strftime("%Y:%m:%d %H:%M:%S", time.gmtime(int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))))
+
+
+def _is_utf8(path: str) -> bool:
+    """Whether OpenImageIO can take the name; Python's file functions take any."""
+    return path.isascii() or not any("\ud800" <= c <= "\udfff" for c in path)
 
 
 def _first_line(message: str) -> str:

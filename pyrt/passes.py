@@ -14,7 +14,7 @@ from pyrt.device import LOCAL_SIZE, Device
 from pyrt.film import Film
 from pyrt.layout import constants, dtypes
 
-PASS_SAMPLES = 1 << 21  # samples of one pass, by default: 24 MiB of radiance
+PASS_SAMPLES = 1 << 22  # samples of one pass, by default: 48 MiB of radiance
 _TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 

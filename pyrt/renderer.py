@@ -21,6 +21,7 @@ from pyrt.pack import pack_camera, pack_scene
 from pyrt.passes import PASS_SAMPLES, SampleTracer, Tally, tiled_pixels
 from pyrt.scene import Scene
 
+MAX_PIXELS = 1 << 28
 MAX_SAMPLES = 1 << 16  # of a pixel, where noise or time is the limit and spp is not given
 
 Progress = Callable[[dict[str, Any]], Any]
@@ -197,6 +198,8 @@ def _check_arguments(
     ):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
             raise UsageError(f"{name}: expected a whole number from {low} to {high}, got {value!r}")
+    if width * height > MAX_PIXELS:
+        raise UsageError(f"size: expected at most 2^28 pixels in all, got {width} x {height}")
     for name, limit in (("noise", noise), ("time_limit", time_limit)):
         if limit is not None and not 0 < limit < np.inf:
             raise UsageError(f"{name}: expected a number > 0, got {limit!r}")

@@ -103,7 +103,7 @@ def example_path(name: str) -> Path:
     package = Path(__file__).parent
     folder = next((f for f in (package / "scenes", package.parent / "scenes") if f.is_dir()), package / "scenes")
     path = folder / f"{name}.json"
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, no error for a name that is too long
         names = sorted(file.stem for file in folder.glob("*.json"))
         raise SceneError(f"{_EXAMPLE}{name}: no example scene {quote(name)}{suggestion(name, names)}")
     return path
