@@ -30,7 +30,7 @@ INLINE Beam beam_of_pixels(const Scene *scene, const global uint *pixels, uint c
     return beam;
 }
 
-/* Four sides and the plane where the rays start. A side contains a corner ray and runs along the film's x or y: the cross
+/* Four sides, which meet in the pinhole, so that nothing behind it is inside. A side contains a corner ray and runs along the film's x or y: the cross
  * product of two corner rays, nearly parallel, would lose the digits. */
 INLINE Volume beam_volume(const Scene *scene, const Beam *beam)
 {
@@ -38,15 +38,14 @@ INLINE Volume beam_volume(const Scene *scene, const Beam *beam)
     float3 along[2] = {(float3)(camera->direction_dx[0], camera->direction_dx[1], camera->direction_dx[2]),
                        (float3)(camera->direction_dy[0], camera->direction_dy[1], camera->direction_dy[2])};
     float3 axis = beam->d[0] + beam->d[2];
+    float3 forward = cross3(along[0], along[1]); /* no ray runs back along this, but on the axis of a wide beam some do */
+    forward = dot3(forward, axis) < 0.0f ? -forward : forward;
     Volume volume = volume_empty(scene, beam->o[0]);
-    float start = -INFINITY;
     for (int i = 0; i < 4; ++i) {
         float3 n = cross3(beam->d[i], along[i & 1]);
         n = dot3(n, axis) > 0.0f ? -n : n; /* outwards: away from the middle of the beam */
         volume_add(&volume, n, max1(dot3(n, beam->o[i]), dot3(n, beam->o[(i + 1) & 3])));
-        start = max1(start, -dot3(axis, beam->o[i]));
     }
-    volume_add(&volume, -axis, start);
     return volume;
 }
 

@@ -47,13 +47,13 @@ INLINE void volume_add(Volume *volume, float3 n, float d)
 /* Which children's boxes reach into the volume. */
 INLINE uint volume_node_mask(const Volume *volume, const global BvhNode *node)
 {
-    int8 outside = (int8)(0);
+    int8 outside = !(load8(node->bounds[0][0]) <= load8(node->bounds[0][1])); /* an empty slot */
     for (int i = 0; i < volume->count; ++i) {
         float3 n = volume->n[i];
         float8 x = load8(node->bounds[0][n.x < 0.0f]);
         float8 y = load8(node->bounds[1][n.y < 0.0f]);
         float8 z = load8(node->bounds[2][n.z < 0.0f]);
-        outside |= !(n.x * x + n.y * y + n.z * z <= volume->d[i]); /* an empty slot gives inf or NaN */
+        outside |= !(n.x * x + n.y * y + n.z * z <= volume->d[i]);
     }
     return ~mask8(outside) & 0xffu;
 }
