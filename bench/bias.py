@@ -36,8 +36,8 @@ SCENES = {
     "cornell_textured": 1,
     "cornell_area_light": 1,
     "cornell_two_lights": 1,
-    "mesh_room": 32,
-    "showcase": 2,
+    "mesh_room": 16,
+    "showcase": 1,
 }
 QUICK_SCENES = {name: SCENES[name] for name in ("cornell", "cornell_area_light")}
 

@@ -30,16 +30,15 @@ INLINE Beam beam_of_pixels(const Scene *scene, const global uint *pixels, uint c
     return beam;
 }
 
-/* Four sides, which meet in the pinhole, so that nothing behind it is inside. A side contains a corner ray and runs along the film's x or y: the cross
- * product of two corner rays, nearly parallel, would lose the digits. */
+/* Four sides, which meet in the pinhole, so that nothing behind it is inside. (A plane across the axis where the rays start
+ * would cut rays off: on the axis of a wide beam some of them run back.) A side contains a corner ray and runs along the
+ * film's x or y: the cross product of two corner rays, nearly parallel, would lose the digits. */
 INLINE Volume beam_volume(const Scene *scene, const Beam *beam)
 {
     const constant Camera *camera = &scene->params->camera;
     float3 along[2] = {(float3)(camera->direction_dx[0], camera->direction_dx[1], camera->direction_dx[2]),
                        (float3)(camera->direction_dy[0], camera->direction_dy[1], camera->direction_dy[2])};
     float3 axis = beam->d[0] + beam->d[2];
-    float3 forward = cross3(along[0], along[1]); /* no ray runs back along this, but on the axis of a wide beam some do */
-    forward = dot3(forward, axis) < 0.0f ? -forward : forward;
     Volume volume = volume_empty(scene, beam->o[0]);
     for (int i = 0; i < 4; ++i) {
         float3 n = cross3(beam->d[i], along[i & 1]);

@@ -61,6 +61,18 @@ CONTROLS = {
     "no id skip": Control("scene.h", "id == ray->self || ", ""),
     "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
+    "beams of opposite corners": Control("volume.h", " || (s.sz < 0.0f) != (first.sz < 0.0f)", ""),
+    "beams that start on their axis": Control(
+        "beam.h",
+        "    return volume;\n}\n\nINLINE Box",
+        """    float start = -INFINITY;
+    for (int i = 0; i < 4; ++i)
+        start = max1(start, -dot3(axis, beam->o[i]));
+    volume_add(&volume, -axis, start);
+    return volume;\n}\n\nINLINE Box""",
+    ),
+    "splits without number": Control("direct.h", " && *splits > 0", ""),
+    "overflow": Control("math.h", "(float3)(min1(FLT_MAX, a.x), min1(FLT_MAX, a.y), min1(FLT_MAX, a.z))", "a"),
     "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),
     # No protection, but the truth for one: every box is entered, and nothing is culled by distance.
     "brute force": Control(
