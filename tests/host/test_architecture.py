@@ -22,7 +22,7 @@ renderer tracer
 adaptive passes doctor
 device pack scene_io film
 pack_lights tree scene_json
-features geometry bvh image_io mesh_io schema_errors
+features geometry bvh image_io mesh_io schema_errors scene_hash
 schema sah procedural mesh_text
 scene layout settings files toolchain schema_types
 errors
