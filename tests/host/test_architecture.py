@@ -16,6 +16,8 @@ SOURCES = {file.stem: file.read_text(encoding="utf-8") for file in sorted(Path(p
 LAYERS = """
 __main__
 cli
+cli_render cli_scene cli_device
+cli_options
 __init__
 api info progress
 renderer tracer

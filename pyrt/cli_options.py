@@ -1,0 +1,99 @@
+"""What the verbs of the command line share: how a verb is declared, the types of values, and loading a scene."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pyrt.scene import Scene
+
+EXIT_CODES = """exit codes:
+  0 done   1 rendering failed   2 wrong usage   3 invalid scene   4 no usable OpenCL device
+  5 stopped by a limit before the noise target, with a valid picture   130 interrupted"""
+
+Verbs = Any  # argparse's type for them is private
+
+
+def add_verb(
+    verbs: Verbs, name: str, run: Callable[[argparse.Namespace], int], text: str, examples: str
+) -> argparse.ArgumentParser:
+    """Declares a verb; its options are added to the parser that this returns.
+
+    Args:
+        run: does the work and returns the exit code.
+        text: one line for the list of verbs.
+        examples: lines `pyrt …`, each with what it does.
+    """
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.",
+        epilog=f"examples:\n{examples}\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Adds SCENE and --set, which `load` reads."""
+    parser.add_argument("scene", metavar="SCENE", help="a scene file, or example:NAME")
+    parser.add_argument(
+        "--set",
+        metavar="PATH=VALUE",
+        type=setting,
+        action="append",
+        help="replace a value of the scene, such as camera.fov=30",
+    )
+
+
+def load(args: argparse.Namespace) -> Scene:
+    """The scene that the options name; its warnings go to stderr."""
+    from pyrt.scene_io import load_scene
+
+    scene = load_scene(args.scene, overrides=dict(args.set or ()))
+    for text in scene.warnings:
+        warn(text)
+    return scene
+
+
+def warn(text: str) -> None:
+    """A warning on stderr."""
+    print(f"warning: {text}", file=sys.stderr)
+
+
+# --- types of values --------------------------------------------------------------------------------------------------
+
+
+def size(text: str) -> tuple[int, int]:
+    """640x480 → (640, 480)."""
+    width, _, height = text.lower().partition("x")
+    try:
+        return int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT such as 640x480, got "{text}"') from None
+
+
+def seconds(text: str) -> float:
+    """90, 90s, 1.5m or 2h → seconds."""
+    number, unit = (text[:-1], text[-1]) if text[-1:] in ("s", "m", "h") else (text, "s")
+    try:
+        return float(number) * {"s": 1, "m": 60, "h": 3600}[unit]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected a time such as 90, 90s, 5m or 2h, got "{text}"') from None
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """camera.fov=40 → ("camera.fov", 40). What is not JSON is a string."""
+    path, equals, value = text.partition("=")
+    if not (equals and path):
+        raise argparse.ArgumentTypeError(f'expected PATH=VALUE such as camera.fov=40, got "{text}"')
+    try:
+        return path, json.loads(value)
+    except (ValueError, RecursionError):
+        return path, value

@@ -1,0 +1,37 @@
+"""The verbs about scenes: `info` and `validate`."""
+
+from __future__ import annotations
+
+import argparse
+
+from pyrt.cli_options import Verbs, add_scene, add_verb, load
+
+_INFO_EXAMPLES = """\
+  pyrt info scenes/cornell.json                 triangles, memory, features and why
+  pyrt info example:showcase --set film.resolution=[1920,1080]
+"""
+_VALIDATE_EXAMPLES = """\
+  pyrt validate scene.json                      every mistake at once, one sentence each
+  pyrt validate scene.json && pyrt render scene.json
+"""
+
+
+def add_verbs(verbs: Verbs) -> None:
+    """Declares `info` and `validate`."""
+    text = "what a scene holds, and which features it compiles in"
+    add_scene(add_verb(verbs, "info", _info, text, _INFO_EXAMPLES))
+    text = "check a scene and the files it names, all errors at once"
+    add_scene(add_verb(verbs, "validate", _validate, text, _VALIDATE_EXAMPLES))
+
+
+def _info(args: argparse.Namespace) -> int:
+    from pyrt.info import scene_report
+
+    print(scene_report(load(args)))
+    return 0
+
+
+def _validate(args: argparse.Namespace) -> int:
+    scene = load(args)
+    print(f"{args.scene}: valid, {len(scene.shapes)} objects")
+    return 0
