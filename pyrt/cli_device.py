@@ -18,9 +18,9 @@ _DOCTOR_EXAMPLES = """\
 
 def add_verbs(verbs: Verbs) -> None:
     """Declares `devices` and `doctor`."""
-    add_verb(verbs, "devices", _devices, "list the OpenCL devices", _DEVICES_EXAMPLES)
+    add_verb(verbs, "devices", "", _devices, "list the OpenCL devices", _DEVICES_EXAMPLES)
     text = "check whether this machine's OpenCL can render, and how exact it is"
-    doctor = add_verb(verbs, "doctor", _doctor, text, _DOCTOR_EXAMPLES)
+    doctor = add_verb(verbs, "doctor", "", _doctor, text, _DOCTOR_EXAMPLES)
     doctor.add_argument("--device", metavar="NAME", help="index or part of the name of the device to probe")
 
 

@@ -5,31 +5,36 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pyrt.scene import Scene
 
 EXIT_CODES = """exit codes:
-  0 done   1 rendering failed   2 wrong usage   3 invalid scene   4 no usable OpenCL device
+  0 done   1 failed   2 wrong usage   3 invalid scene   4 no usable OpenCL device
   5 stopped by a limit before the noise target, with a valid picture   130 interrupted"""
 
 Verbs = Any  # argparse's type for them is private
 
 
 def add_verb(
-    verbs: Verbs, name: str, run: Callable[[argparse.Namespace], int], text: str, examples: str
+    verbs: Verbs, name: str, operands: str, run: Callable[[argparse.Namespace], int], text: str, examples: str
 ) -> argparse.ArgumentParser:
     """Declares a verb; its options are added to the parser that this returns.
 
     Args:
+        operands: what stands behind the verb, for the usage line.
         run: does the work and returns the exit code.
         text: one line for the list of verbs.
         examples: lines `pyrt …`, each with what it does.
     """
     parser: argparse.ArgumentParser = verbs.add_parser(
         name,
+        prog=f"pyrt {name}",
+        usage=" ".join(["pyrt", name, *operands.split(), "[options]"]),
         help=text,
         description=f"{text[0].upper()}{text[1:]}.",
         epilog=f"examples:\n{examples}\n{EXIT_CODES}",
@@ -62,9 +67,24 @@ def load(args: argparse.Namespace) -> Scene:
     return scene
 
 
+def say(text: str) -> None:
+    """Prints to stderr. That nobody can read it is no reason to stop the work."""
+    with suppress(OSError):
+        print(text, file=sys.stderr or StringIO(), flush=True)
+
+
 def warn(text: str) -> None:
     """A warning on stderr."""
-    print(f"warning: {text}", file=sys.stderr)
+    say(f"warning: {text}")
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """The end of a sentence about an unknown name: the nearest valid one, or all of them."""
+    from difflib import get_close_matches
+
+    names = list(valid)
+    close = get_close_matches(name, names, 1)
+    return f"; did you mean {close[0]}?" if close else f"; there are {', '.join(sorted(names))}"
 
 
 # --- types of values --------------------------------------------------------------------------------------------------

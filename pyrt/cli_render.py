@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 from typing import TYPE_CHECKING
 
-from pyrt.cli_options import Verbs, add_scene, add_verb, load, seconds, size, warn
+from pyrt.cli_options import Verbs, add_scene, add_verb, load, say, seconds, size, warn
 from pyrt.errors import PyrtError, UsageError
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ _EXAMPLES = """\
 
 def add_verbs(verbs: Verbs) -> None:
     """Declares `render`."""
-    parser = add_verb(verbs, "render", _render, "render a scene to a picture", _EXAMPLES)
+    parser = add_verb(verbs, "render", "SCENE", _render, "render a scene to a picture", _EXAMPLES)
     add_scene(parser)
     _add_picture_options(parser)
     _add_sampling_options(parser)
@@ -128,8 +127,7 @@ def _summarise(result: Result, outputs: list[str]) -> None:
             warn(f"{count} {what} were left out")
     rate = stats["samples"] / max(elapsed, 1e-9) / 1e6
     noise = "" if stats["noise"] is None else f", estimated error {stats['noise']:.2g}"
-    print(
+    say(
         f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] / (width * height):.4g} spp{noise}, "
-        f"{elapsed:.2f} s at {rate:.1f} M samples/s on {stats['device']}",
-        file=sys.stderr,
+        f"{elapsed:.2f} s at {rate:.1f} M samples/s on {stats['device']}"
     )

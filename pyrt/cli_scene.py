@@ -19,9 +19,9 @@ _VALIDATE_EXAMPLES = """\
 def add_verbs(verbs: Verbs) -> None:
     """Declares `info` and `validate`."""
     text = "what a scene holds, and which features it compiles in"
-    add_scene(add_verb(verbs, "info", _info, text, _INFO_EXAMPLES))
+    add_scene(add_verb(verbs, "info", "SCENE", _info, text, _INFO_EXAMPLES))
     text = "check a scene and the files it names, all errors at once"
-    add_scene(add_verb(verbs, "validate", _validate, text, _VALIDATE_EXAMPLES))
+    add_scene(add_verb(verbs, "validate", "SCENE", _validate, text, _VALIDATE_EXAMPLES))
 
 
 def _info(args: argparse.Namespace) -> int:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from io import StringIO
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +21,7 @@ def show_progress(mode: str) -> Iterator[Progress]:
         mode: "bar", "json", "none", or "auto": a bar if stderr is a terminal, else nothing.
     """
     if mode == "auto":
-        mode = "bar" if sys.stderr.isatty() else "none"
+        mode = "bar" if sys.stderr and sys.stderr.isatty() else "none"
     if mode == "bar":
         with _bar() as report:
             yield report
@@ -33,7 +34,8 @@ def _ignore(event: dict[str, Any]) -> None:
 
 
 def _print_json(event: dict[str, Any]) -> None:
-    print(json.dumps(event), file=sys.stderr, flush=True)
+    with suppress(OSError):  # that nobody reads along is no reason to stop
+        print(json.dumps(event), file=sys.stderr or StringIO(), flush=True)
 
 
 @contextmanager

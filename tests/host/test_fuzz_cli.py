@@ -48,10 +48,7 @@ def run(arguments: list[str]) -> tuple[int, str]:
     err = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="backslashreplace")
     with redirect_stdout(out), redirect_stderr(err), warnings.catch_warnings():
         warnings.simplefilter("error")
-        try:
-            code: object = main(arguments)
-        except SystemExit as stop:  # argparse
-            code = stop.code
+        code = main(arguments)
     err.seek(0)
     assert code in EXIT_CODES
     return code, err.read()

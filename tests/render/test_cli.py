@@ -75,13 +75,6 @@ def test_errors_are_one_sentence_with_an_exit_code(arguments, code, message, tmp
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("arguments", [[], ["rendr"], ["render"], ["render", SCENE, "--size", "12"]])
-def test_wrong_usage_exits_with_2(arguments):
-    with pytest.raises(SystemExit) as exit_info:
-        main(arguments)
-    assert exit_info.value.code == 2
-
-
 def test_info_names_every_feature_with_a_reason(capsys):
     assert main(["info", "example:cornell_area_light"]) == 0
     text = capsys.readouterr().out
