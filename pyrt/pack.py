@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyrt.camera import film_plane
 from pyrt.features import has_corners, used_textures
 from pyrt.geometry import (
     Normalisation,
@@ -19,7 +20,6 @@ from pyrt.geometry import (
     rounding_offset,
     sphere_offset,
     triangle_normals,
-    unit,
 )
 from pyrt.layout import constants, dtypes
 from pyrt.pack_lights import pack_lights
@@ -41,6 +41,7 @@ from pyrt.tree import build_tree
 
 # Its square has to fit float32. Beyond, a ray leaves along the normal or is reflected, as far as float32 can tell.
 _ETA_RANGE = (2.0**-32, 2.0**32)
+
 
 @dataclass(frozen=True)
 class PackedScene:
@@ -103,20 +104,15 @@ def pack_scene(scene: Scene) -> PackedScene:
 def pack_camera(packed: PackedScene, camera: Camera, width: int, height: int) -> NDArray[Any]:
     """The Camera struct for a film of the given size. A camera outside the scene's box starts its rays on a plane
     just before the box, so that float32 need not hold the distance."""
-    position = packed.space.apply(np.asarray(camera.position))
-    forward = unit(np.subtract(camera.look_at, camera.position))
-    right = unit(np.cross(forward, unit(np.asarray(camera.up, np.float64))))
-    up = np.cross(right, forward)
-    pixel = 2 * np.tan(np.radians(camera.fov) / 2) / height
-    dx, dy = right * pixel, -up * pixel
-    corner = forward - dx * (width / 2) - dy * (height / 2)
-    nearest = -position @ forward - packed.bound @ np.abs(forward)
+    plane = film_plane(camera, width, height)
+    position = packed.space.apply(plane.position)
+    nearest = float(-position @ plane.forward - packed.bound @ np.abs(plane.forward))
     advance = max(0.0, nearest - 2.0**-8)
     out = np.zeros((), dtypes()["Camera"])
     with np.errstate(over="ignore"):  # from farther than float32 reaches, nothing is seen: such a ray misses
-        out["origin"] = position + advance * corner
-        out["origin_dx"], out["origin_dy"] = advance * dx, advance * dy
-    out["direction"], out["direction_dx"], out["direction_dy"] = corner, dx, dy
+        out["origin"] = position + advance * plane.corner
+        out["origin_dx"], out["origin_dy"] = advance * plane.dx, advance * plane.dy
+    out["direction"], out["direction_dx"], out["direction_dy"] = plane.corner, plane.dx, plane.dy
     return out
 
 
