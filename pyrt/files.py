@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,15 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     """All bytes of a regular file. Raises SceneError as `check_file`."""
     check_file(path)
     return Path(path).read_bytes()
+
+
+def remove_leftovers(path: str | os.PathLike[str]) -> None:
+    """Removes the temporary files of processes that were killed while replacing `path`; none may still be at it."""
+    target = Path(os.path.realpath(path))
+    name = re.compile(re.escape(f".{target.stem}.") + "[0-9a-f]{8}" + re.escape(target.suffix))
+    for file in target.parent.iterdir():
+        if name.fullmatch(file.name):
+            file.unlink(missing_ok=True)
 
 
 @contextmanager

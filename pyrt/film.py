@@ -42,13 +42,14 @@ class Film:
         nodes = self.strips.setdefault(first_pixel, {})
         self.count[first_pixel : first_pixel + pixels] += np.uint32(samples)
         scratch = np.empty((samples.bit_length(), 2, 3, min(pixels, _BLOCK)))
-        for start, level in _aligned_ranges(first_sample, samples):
+        for level, index in node_keys(first_sample, samples):
+            start = index << level
             run = planes[start - first_sample :][: 1 << level]
             sums = np.empty((2, 3, pixels))
             for pixel in range(0, pixels, _BLOCK):
                 part = slice(pixel, pixel + _BLOCK)
                 self._add_block(run[..., part], first_pixel + pixel, sums[..., part], scratch)
-            _insert(nodes, level, start >> level, sums)
+            _insert(nodes, level, index, sums)
 
     def _add_block(self, run: NDArray[np.float32], first_pixel: int, sums: Sums, scratch: NDArray[np.float64]) -> None:
         _tree_sums(run, sums, scratch[..., : run.shape[2]])
@@ -64,12 +65,15 @@ class Film:
         """The film of both films' samples: the same pixels, and sample ranges that do not overlap."""
         nodes: Nodes = {}
         for film in (self, other):
-            for (level, index), sums in film._joined().items():
+            for (level, index), sums in film.nodes().items():
                 _insert(nodes, level, index, sums)
         return Film(self.count + other.count, {0: nodes}, self.dropped + other.dropped)
 
-    def _joined(self) -> Nodes:
+    def nodes(self) -> Nodes:
+        """The nodes of all strips together; not copies where there is one strip."""
         strips = [self.strips[first] for first in sorted(self.strips)]
+        if len(strips) == 1:
+            return strips[0]
         return {key: np.concatenate([nodes[key] for nodes in strips], axis=2) for key in (strips[0] if strips else ())}
 
     def totals(self) -> Sums:
@@ -77,7 +81,7 @@ class Film:
 
         Of a film that was filled only in part: the pixels of its first strips.
         """
-        nodes = self._joined()
+        nodes = self.nodes()
         total = np.zeros((2, 3, next(iter(nodes.values())).shape[2] if nodes else len(self.count)))
         for key in sorted(nodes, key=lambda key: key[1] << key[0]):
             total += nodes[key]
@@ -97,14 +101,14 @@ def variance(sums: Sums, count: NDArray[np.uint32]) -> NDArray[np.float64]:
     return np.where(count > 1, spread / (n * (n - 1)), 0.0)
 
 
-def _aligned_ranges(first: int, count: int) -> Iterator[tuple[int, int]]:
-    """The fewest (start, level) that make up the range; `start` is a multiple of the size 2^level."""
+def node_keys(first: int, count: int) -> Iterator[tuple[int, int]]:
+    """(level, index) of the fewest nodes that make up a range of samples, in its order."""
     end = first + count
     while first < end:
         level = (end - first).bit_length() - 1
         while first & ((1 << level) - 1):
             level -= 1
-        yield first, level
+        yield level, first >> level
         first += 1 << level
 
 

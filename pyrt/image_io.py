@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.errors import PyrtError, SceneError, UsageError
+from pyrt.exr_state import StatePart, state_spec, write_state
 from pyrt.files import check_file, replacing
 
 MAX_TEXTURE_SIDE = 32768
@@ -30,6 +31,13 @@ class TextureData(NamedTuple):
 
     pixels: Image  # (height, width, 3)
     warnings: tuple[str, ...] = ()
+
+
+class Picture(NamedTuple):
+    """A picture's colours, and whether the file holds them for a display: on the sRGB curve, ending at white."""
+
+    pixels: Image  # (height, width, 3), linear
+    display: bool
 
 
 def srgb_to_linear(values: NDArray[Any]) -> NDArray[Any]:
@@ -53,6 +61,39 @@ def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) ->
         SceneError: no such file, not readable as an image, more than 32768 pixels on a side or 2^27 in all (found
             before the pixels are read), or a texel that is not finite.
     """
+    stored, spec = _read(path)
+    pixels = _decoded(stored[..., _color_channels(spec, path)], colorspace or _stored_colorspace(spec))
+    if not np.isfinite(pixels).all():
+        raise SceneError(f"{path}: {np.sum(~np.isfinite(pixels).all(axis=2))} pixels are not finite")
+    alpha = stored[..., spec.alpha_channel] if spec.alpha_channel >= 0 else None
+    opaque = alpha is None or (alpha == (np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1)).all()
+    return TextureData(pixels, () if opaque else (f"{path}: the image's alpha is not used",))
+
+
+def read_picture(path: str | os.PathLike[str]) -> Picture:
+    """Reads the colours of an image file, decoded to linear; what else the file holds is left out.
+
+    Raises:
+        UsageError: as SceneError of `read_texture`, but pixels need not be finite.
+    """
+    try:
+        stored, spec = _read(path)
+        colorspace = _stored_colorspace(spec)
+        return Picture(_decoded(stored[..., _color_channels(spec, path)], colorspace), colorspace == "srgb")
+    except SceneError as error:
+        raise UsageError(str(error)) from None
+
+
+def is_picture(path: str | os.PathLike[str]) -> bool:
+    """Whether OpenImageIO has a format for the name's extension."""
+    import OpenImageIO as oiio
+
+    formats = str(oiio.get_string_attribute("input_format_extensions")) if False else ""
+    return Path(path).suffix.lower().removeprefix(".") in formats.split(",")
+
+
+def _read(path: str | os.PathLike[str]) -> tuple[NDArray[Any], Any]:
+    """All channels as they are stored, and OpenImageIO's description of the file. Raises SceneError."""
     import OpenImageIO as oiio
 
     check_file(path)
@@ -75,12 +116,7 @@ def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) ->
     stored = file.read_image(kind if kind in ("uint8", "uint16") else "float")
     if stored is None:
         raise SceneError(f"{path}: not a readable image: {_first_line(file.geterror())}")
-    pixels = _decoded(stored[..., _color_channels(spec, path)], colorspace or _stored_colorspace(spec))
-    if not np.isfinite(pixels).all():
-        raise SceneError(f"{path}: {np.sum(~np.isfinite(pixels).all(axis=2))} pixels are not finite")
-    alpha = stored[..., spec.alpha_channel] if spec.alpha_channel >= 0 else None
-    opaque = alpha is None or (alpha == (np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1)).all()
-    return TextureData(pixels, () if opaque else (f"{path}: the image's alpha is not used",))
+    return stored, spec
 
 
 def _color_channels(spec: Any, path: str | os.PathLike[str]) -> list[int]:
@@ -121,10 +157,15 @@ def check_output(path: str | os.PathLike[str], exposure: float = 0.0) -> None:
         raise UsageError(f"{path}: expected a file name, found a folder")
     if not os.path.isdir(target.parent):
         raise UsageError(f"{path}: there is no folder {target.parent}")
-    if not abs(exposure) <= MAX_EXPOSURE:
-        raise UsageError(f"exposure: expected stops from {-MAX_EXPOSURE} to {MAX_EXPOSURE}, got {exposure:g}")
+    check_exposure(exposure)
     if not os.access(target.parent, os.W_OK):
         raise UsageError(f"{path}: the folder {target.parent} is not writable")
+
+
+def check_exposure(exposure: float) -> None:
+    """Raises UsageError for an exposure that is out of range."""
+    if not abs(exposure) <= MAX_EXPOSURE:
+        raise UsageError(f"exposure: expected stops from {-MAX_EXPOSURE} to {MAX_EXPOSURE}, got {exposure:g}")
 
 
 def write_image(
@@ -135,13 +176,15 @@ def write_image(
     metadata: Mapping[str, str | int | float] | None = None,
     planes: Mapping[str, NDArray[Any]] | None = None,
     half: bool = True,
+    state: StatePart | None = None,
 ) -> tuple[str, ...]:
     """Writes an (h, w, 3) linear image in the format of the extension, all of the file or nothing.
 
     PNG and JPEG hold 8 bits on the sRGB curve, dithered by OpenImageIO's fixed blue noise, after a gain of 2^exposure;
     no tone mapping. EXR (half, or float), HDR, TIFF (float) and NPY (float) hold linear values and ignore the exposure.
     `planes`, (h, w) arrays by channel name, and `metadata` go into EXR files only, as float channels and header
-    attributes. The header's date is SOURCE_DATE_EPOCH if that is set, so that files can be reproduced.
+    attributes, and so does `state`, as a part of its own. The header's date is SOURCE_DATE_EPOCH if that is set, so
+    that files can be reproduced.
 
     Returns:
         Warnings: half channels end at 65504, brighter values are clamped to that.
@@ -163,7 +206,7 @@ def write_image(
                     pixels = pixels * np.float32(2.0**exposure)
                 _write_display(temporary, pixels)
             elif extension == ".exr":
-                warnings = _write_exr(temporary, pixels, planes or {}, metadata or {}, half)
+                warnings = _write_exr(temporary, pixels, planes or {}, metadata or {}, half, state)
             else:
                 _write(temporary, _spec(pixels, "float", {"DateTime": _date()}), pixels)
     except OSError as error:
@@ -188,6 +231,7 @@ def _write_exr(
     planes: Mapping[str, NDArray[Any]],
     metadata: Mapping[str, str | int | float],
     half: bool,
+    state: StatePart | None,
 ) -> tuple[str, ...]:
     warnings: tuple[str, ...] = ()
     too_bright = int(np.sum(np.abs(pixels) > MAX_HALF)) if half else 0
@@ -198,7 +242,7 @@ def _write_exr(
     spec = _spec(stored, "half" if half else "float", {"DateTime": _date(), **metadata})
     spec.channelnames = ("R", "G", "B", *planes)
     spec.channelformats = (spec.format,) * 3 + ("float",) * len(planes)
-    _write(path, spec, stored)
+    _write(path, spec, stored, state)
     return warnings
 
 
@@ -213,13 +257,17 @@ def _spec(pixels: Image, kind: str, attributes: Mapping[str, str | int | float])
     return spec
 
 
-def _write(path: Path, spec: Any, pixels: Image) -> None:
+def _write(path: Path, spec: Any, pixels: Image, state: StatePart | None = None) -> None:
     import OpenImageIO as oiio
 
     file = oiio.ImageOutput.create(os.fspath(path))
     if file is None:
         raise OSError(_first_line(oiio.geterror()))
-    if not (file.open(os.fspath(path), spec) and file.write_image(np.ascontiguousarray(pixels)) and file.close()):
+    name, specs = os.fspath(path), [spec] if state is None else [spec, state_spec(spec, state)]
+    written = file.open(name, specs) and file.write_image(np.ascontiguousarray(pixels))
+    if written and state is not None:
+        written = file.open(name, specs[1], "AppendSubimage") and write_state(file, state)
+    if not (written and file.close()):
         raise OSError(_first_line(file.geterror()))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -11,15 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt import film
+from pyrt import __version__, film
 from pyrt.adaptive import FIRST_SAMPLES, Refined, refine
+from pyrt.checkpoint import accumulate, begin, open_checkpoint
 from pyrt.doctor import open_device
 from pyrt.errors import UsageError
 from pyrt.features import build_options, feature_table
 from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
+from pyrt.partial import Partial, Work, kernels_hash, state_part
 from pyrt.passes import PASS_SAMPLES, SampleTracer, Tally, tiled_pixels
 from pyrt.scene import Scene
+from pyrt.scene_hash import scene_hash
 
 MAX_PIXELS = 1 << 28
 MAX_SAMPLES = 1 << 16  # of a pixel, where noise or time is the limit and spp is not given
@@ -38,18 +41,46 @@ class Result:
         samples: (height, width) uint32, samples that each pixel's mean holds.
         stats: seconds per stage, rays traced and skipped, the device, the features compiled in, and with a noise target
             or a time limit the estimated relative error that was reached.
+        partial: the film, if the render had a checkpoint or a range of samples. EXR files hold it too then.
     """
 
     image: NDArray[np.float32]
     variance: NDArray[np.float32]
     samples: NDArray[np.uint32]
     stats: dict[str, Any] = field(default_factory=dict)
+    partial: Partial | None = None
 
     def save(self, path: str | Path, *, exposure: float = 0.0) -> tuple[str, ...]:
         """Writes the picture; the format follows from the extension. Returns warnings (see `image_io.write_image`)."""
         from pyrt.image_io import write_image
 
-        return write_image(path, self.image, exposure=exposure)
+        state = state_part(self.partial) if self.partial is not None else None
+        return write_image(path, self.image, exposure=exposure, state=state)
+
+
+@dataclass
+class _Watch:
+    """What happens after each pass: progress is reported, and limits may end the render. Numbers are of samples."""
+
+    report: Progress
+    tally: Tally
+    before: int  # that a resumed render had
+    total: int
+    deadline: float  # on perf_counter's clock
+    at_least: int
+    stopped: bool = False
+
+    def after_pass(self) -> bool:
+        """Whether the render goes on."""
+        samples = self.tally.samples
+        done = (self.before + samples) / self.total
+        event = {"stage": "render", "done": done, "samples": samples, "rays": self.tally.rays}
+        late = perf_counter() >= self.deadline and samples >= self.at_least
+        self.stopped |= self.report(event) is False or late
+        return not self.stopped
+
+    def going(self) -> bool:
+        return not self.stopped
 
 
 class Renderer:
@@ -99,6 +130,10 @@ class Renderer:
         *,
         noise: float | None = None,
         time_limit: float | None = None,
+        samples: tuple[int, int] | None = None,
+        checkpoint: str | Path | None = None,
+        checkpoint_every: float = 60.0,
+        resume: bool = False,
         pass_samples: int = PASS_SAMPLES,
         progress: Progress | None = None,
     ) -> Result:
@@ -110,27 +145,41 @@ class Renderer:
             size: (width, height) in pixels; None takes the film's.
             noise: stop when the estimated relative error (root mean square over the picture) is at most this.
             time_limit: stop after so many seconds, but not before all pixels have 16 samples (or `spp`).
+            samples: (first, end): render only the samples first … end − 1 of the picture, for `merge`.
+            checkpoint: EXR file that always holds the picture so far, and the film, from which `resume` goes on. It is
+                written at the end, too, and when anything stops the render.
+            checkpoint_every: seconds between two writes, or more, so that they take at most a twentieth of the time;
+                0: as often as possible.
+            resume: go on from the checkpoint, if there is one. The picture has the same bits as if it was rendered in
+                one go. `spp` may have grown; None takes what the render was to reach.
             pass_samples: samples of one pass, which bounds memory; no influence on the image.
-            progress: called with a dict after every pass.
+            progress: called with a dict after every pass; the render stops, with what it has, if that returns False.
 
         Raises:
-            UsageError: an argument is out of range.
+            UsageError: an argument is out of range, or the checkpoint is of another render.
             DeviceError: the device failed.
         """
         width, height = size or (self.scene.film.width, self.scene.film.height)
         adaptive = noise is not None or time_limit is not None
+        extend = spp is not None or samples is not None
         spp = spp if spp is not None else MAX_SAMPLES if adaptive else self.scene.spp
         _check_arguments(spp, seed, width, height, pass_samples, noise, time_limit)
         pixels = tiled_pixels(width, height)
-        tally = Tally()
-        deadline = perf_counter() + (time_limit if time_limit is not None else np.inf)
-        report = progress or self._progress
-
-        def after_pass() -> bool:
-            done = tally.samples / (len(pixels) * spp)
-            report({"stage": "render", "done": done, "samples": tally.samples, "rays": tally.rays})
-            return perf_counter() < deadline or tally.samples < len(pixels) * min(spp, FIRST_SAMPLES)
-
+        start = None
+        if checkpoint is not None or samples is not None:
+            _check_keeping(checkpoint, checkpoint_every, samples, adaptive)
+            place = (pixels >> 16).astype(np.intp) * width + (pixels & 0xFFFF)
+            start = begin(self._work(seed, width, height), *(samples or (0, spp)), place)
+            if checkpoint is not None:
+                start = open_checkpoint(checkpoint, start, resume, extend)
+        watch = _Watch(
+            report=progress or self._progress,
+            tally=Tally(),
+            before=0 if start is None else len(pixels) * (start.end - start.first),
+            total=len(pixels) * (spp if start is None else start.spp - start.first),
+            deadline=perf_counter() + (time_limit if time_limit is not None else np.inf),
+            at_least=len(pixels) * min(spp, FIRST_SAMPLES),
+        )
         tracer = SampleTracer(
             device=self._device,
             kernels=self._kernels,
@@ -139,15 +188,39 @@ class Renderer:
             beam_bytes=self._beam_bytes(),
             seed=seed,
             pass_samples=pass_samples,
-            tally=tally,
-            after_pass=after_pass,
+            tally=watch.tally,
+            after_pass=watch.after_pass,
         )
+        if start is not None:
+            return self._render_rounds(tracer, pixels, start, checkpoint, checkpoint_every, watch)
         if adaptive:
             refined = refine(tracer.trace, pixels, noise or 0.0, spp)
         else:
-            whole, _ = tracer.trace(pixels, 0, spp)
+            refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
+        return self._result(refined, pixels, width, height, watch.tally)
+
+    def _render_rounds(
+        self,
+        tracer: SampleTracer,
+        pixels: NDArray[np.uint32],
+        start: Partial,
+        checkpoint: str | Path | None,
+        every: float,
+        watch: _Watch,
+    ) -> Result:
+        def result(partial: Partial) -> Result:
+            whole, work = partial.film, partial.work
             refined = Refined(whole.totals(), whole.count, None, whole.dropped)
-        return self._result(refined, pixels, width, height, tally)
+            return replace(self._result(refined, pixels, work.width, work.height, watch.tally), partial=partial)
+
+        def save(partial: Partial) -> None:
+            if checkpoint is not None:
+                result(partial).save(checkpoint)
+
+        return result(accumulate(tracer.trace, pixels, start, save, every, watch.going))
+
+    def _work(self, seed: int, width: int, height: int) -> Work:
+        return Work(scene_hash(self.scene), width, height, seed, str(self._device.info), __version__, kernels_hash())
 
     def _beam_bytes(self) -> int:
         lights = int(self._packed.params["light_count"])
@@ -184,6 +257,28 @@ class Renderer:
             "device": str(self._device.info),
             "features": {row.macro: row.on for row in self._features},
         }
+
+
+def _whole_pixels(whole: film.Film, complete: int) -> Refined:
+    """The film's sums, without the pixels that a stop left incomplete."""
+    if complete == len(whole.count):
+        return Refined(whole.totals(), whole.count, None, whole.dropped)
+    sums, count = np.zeros((2, 3, len(whole.count))), np.zeros_like(whole.count)
+    sums[:, :, :complete], count[:complete] = whole.totals()[:, :, :complete], whole.count[:complete]
+    return Refined(sums, count, None, whole.dropped)
+
+
+def _check_keeping(
+    checkpoint: str | Path | None, every: float, samples: tuple[int, int] | None, adaptive: bool
+) -> None:
+    if adaptive:
+        raise UsageError("checkpoint, samples: expected a fixed number of samples, not a noise target or time limit")
+    if samples is not None and not 0 <= samples[0] < samples[1] <= 2**30:
+        raise UsageError(f"samples: expected 0 <= first < end <= 2^30, got {samples[0]}:{samples[1]}")
+    if not 0 <= every < np.inf:
+        raise UsageError(f"checkpoint_every: expected a number of seconds >= 0, got {every!r}")
+    if checkpoint is not None and Path(checkpoint).suffix.lower() != ".exr":
+        raise UsageError(f"{checkpoint}: expected a name ending in .exr, the format that can hold a checkpoint")
 
 
 def _check_arguments(
