@@ -13,8 +13,11 @@ from pyrt.scene import Camera
 
 @dataclass(frozen=True)
 class FilmPlane:
-    """The film, at distance 1 in front of the pinhole: the ray through film position (x, y), in pixels from the upper-left
-    corner, runs along corner + x·dx + y·dy, whose component along `forward` is 1. All are (3,) float64."""
+    """The film, at distance 1 in front of the pinhole.
+
+    The ray through film position (x, y), in pixels from the upper-left corner, runs along corner + x·dx + y·dy; the
+    component of that along `forward` is 1. All are (3,) float64.
+    """
 
     position: NDArray[np.float64]
     forward: NDArray[np.float64]
@@ -30,8 +33,9 @@ def film_plane(camera: Camera, width: int, height: int) -> FilmPlane:
     right = unit(np.cross(forward, unit(np.asarray(camera.up, np.float64))))
     up = np.cross(right, forward)
     pixel = 2 * np.tan(np.radians(camera.fov) / 2) / height
-    dx, dy = right * pixel, -up * pixel
-    return FilmPlane(position, forward, forward - dx * (width / 2) - dy * (height / 2), dx, dy)
+    dx, dy = right * (pixel / camera.stretch), -up * pixel
+    corner = forward - dx * (width * camera.center[0]) - dy * (height * camera.center[1])
+    return FilmPlane(position, forward, corner, dx, dy)
 
 
 def world_to_camera(plane: FilmPlane) -> NDArray[np.float64]:

@@ -25,12 +25,19 @@ class Film:
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole at `position` that looks at `look_at`; `fov` is the full vertical angle in degrees."""
+    """A pinhole at `position` that looks at `look_at`.
+
+    `fov` is the full vertical angle in degrees that a centred film sees; `center` is where the optical axis meets the
+    film, in fractions of its width and height from the upper left; `stretch` is fx / fy of a calibrated camera: so many
+    times wider does everything appear.
+    """
 
     position: Vec3 = (0.0, 0.0, 1.0)
     look_at: Vec3 = (0.0, 0.0, 0.0)
     up: Vec3 = (0.0, 1.0, 0.0)
     fov: float = 45.0
+    center: Vec2 = (0.5, 0.5)
+    stretch: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from pyrt.files import check_file
 from pyrt.geometry import COORDINATE_LIMIT, valid_triangles
 from pyrt.image_io import read_texture
 from pyrt.mesh_io import MeshData, load_mesh, transformed
+from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.schema_errors import json_path, quote, suggestion, validate
 
@@ -139,9 +140,13 @@ def _scene(
     materials = {key: material for key, material in model.materials.items() if key in used}
     textures = _textures(loading, model, materials)
     shapes = [_shape(loading, path, shape, list(materials)) for path, shape in objects.items()]
+    film = scene.Film(*model.film.resolution)
+    camera = camera_from(model.camera, film)
+    for key, fault in camera_faults(camera):
+        loading.problem(json_path(("camera", key)), fault)
     return scene.Scene(
-        film=scene.Film(*model.film.resolution),
-        camera=scene.Camera(model.camera.position, model.camera.look_at, model.camera.ref_up, model.camera.fov),
+        film=film,
+        camera=camera,
         textures=tuple(textures.values()),
         materials=tuple(_material(key, material, list(textures)) for key, material in materials.items()),
         shapes=tuple(shape for shape in shapes if shape is not None),

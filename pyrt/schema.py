@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, model_validator
 
+from pyrt.schema_camera import Camera
 from pyrt.schema_types import (
-    Angle,
     Depth,
     Flag,
     Fraction,
     Matrix,
+    Model,
     Name,
     Positive,
     Power,
@@ -28,14 +28,7 @@ from pyrt.schema_types import (
     expect,
     sentence,
     sine,
-    unexpected,
 )
-
-
-class Model(BaseModel):
-    """Base of all models: unknown keys are errors, and defaults are checked like given values."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
 
 class Integrator(Model):
@@ -68,32 +61,6 @@ class Film(Model):
 
     resolution: Resolution = Field((512, 512), description="Width and height in pixels.")
     filter: Filter = Field(Filter(), description="The reconstruction filter.")
-
-
-class Camera(Model):
-    """A pinhole camera."""
-
-    position: Vec3 = Field((0.0, 0.0, 1.0), description="Where the camera is.")
-    look_at: Vec3 = Field((0.0, 0.0, 0.0), description="The point in the centre of the picture.")
-    ref_up: Vec3 = Field((0.0, 1.0, 0.0), description="The direction that is up in the picture.")
-    fov: Angle = Field(45.0, description="Full vertical angle of view in degrees.")
-    focal_length: Positive = Field(1.0, description="Read and not used: a pinhole has none.")
-
-    @field_validator("look_at")
-    @classmethod
-    def _check_look_at(cls, look_at: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        if look_at == info.data.get("position"):
-            raise unexpected("another point than the camera's position")
-        return look_at
-
-    @field_validator("ref_up")
-    @classmethod
-    def _check_up(cls, up: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        if "position" in info.data and "look_at" in info.data:
-            direction = np.subtract(info.data["look_at"], info.data["position"])
-            if sine(up, direction) < 1e-9:
-                raise unexpected("a direction that is not parallel to the line of sight")
-        return up
 
 
 class UvMapping(Model):

@@ -10,11 +10,25 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 from pydantic_core import PydanticCustomError
 
 _MAX_SIDE = 65536
 _MAX_PIXELS = 2**28
+
+
+class Model(BaseModel):
+    """Base of all models: unknown keys are errors, and defaults are checked like given values."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
 
 def expect(what: str) -> WrapValidator:
@@ -62,20 +76,20 @@ def sine(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 # far inside the range of double, so that squares and cubes of what a scene holds are finite too
-_Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e30, le=1e30)]
-_NonNegative = Annotated[_Number, Field(ge=0)]
-_Unit = Annotated[_Number, Field(ge=0, le=1)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e30, le=1e30)]
+_NonNegative = Annotated[Number, Field(ge=0)]
+_Unit = Annotated[Number, Field(ge=0, le=1)]
 _Side = Annotated[int, Field(strict=True, ge=1, le=_MAX_SIDE)]
 
 Name = Annotated[str, Field(min_length=1, max_length=1024), expect("a string of 1 to 1024 characters")]
 Flag = Annotated[bool, Field(strict=True), expect("true or false")]
-Positive = Annotated[_Number, Field(gt=0), expect("a number > 0")]
-Fraction = Annotated[_Number, Field(ge=0, lt=1), expect("a number >= 0 and < 1")]
-Angle = Annotated[_Number, Field(gt=0, lt=180), expect("an angle in degrees between 0 and 180")]
+Positive = Annotated[Number, Field(gt=0), expect("a number > 0")]
+Fraction = Annotated[Number, Field(ge=0, lt=1), expect("a number >= 0 and < 1")]
+Angle = Annotated[Number, Field(gt=0, lt=180), expect("an angle in degrees between 0 and 180")]
 Samples = Annotated[int, Field(strict=True, ge=1, le=2**30), expect("an integer from 1 to 2^30")]
 Depth = Annotated[int, Field(strict=True, ge=0, le=1024), expect("an integer from 0 to 1024")]
-Vec2 = Annotated[tuple[_Number, _Number], expect("2 numbers from -1e30 to 1e30")]
-Vec3 = Annotated[tuple[_Number, _Number, _Number], expect("3 numbers from -1e30 to 1e30")]
+Vec2 = Annotated[tuple[Number, Number], expect("2 numbers from -1e30 to 1e30")]
+Vec3 = Annotated[tuple[Number, Number, Number], expect("3 numbers from -1e30 to 1e30")]
 Reflectance = Annotated[tuple[_Unit, _Unit, _Unit], expect("3 numbers from 0 to 1")]
 Power = Annotated[tuple[_NonNegative, _NonNegative, _NonNegative], expect("3 numbers from 0 to 1e30")]
 Resolution = Annotated[
@@ -84,7 +98,7 @@ Resolution = Annotated[
     expect("width and height, 2 integers from 1 to 65536 with at most 2^28 pixels in all"),
 ]
 Matrix = Annotated[
-    tuple[_Number, ...],
+    tuple[Number, ...],
     Field(min_length=16, max_length=16),
     expect("16 numbers, row-major"),
     AfterValidator(_check_affine),

@@ -16,17 +16,18 @@ SOURCES = {file.stem: file.read_text(encoding="utf-8") for file in sorted(Path(p
 LAYERS = """
 __main__
 cli
-cli_render cli_scene cli_device
+cli_render cli_image cli_scene cli_device
 cli_options
 __init__
-api info progress
+api info progress terminal compare
 renderer tracer
 adaptive passes doctor checkpoint
 device pack scene_io partial
-pack_lights tree scene_json camera
-features geometry bvh image_io mesh_io schema_errors scene_hash
-schema sah procedural mesh_text
-scene layout settings files toolchain schema_types exr_state film
+pack_lights tree scene_json camera rays
+features geometry bvh image_io mesh_io schema_errors scene_hash image_tools
+scene_camera schema sah procedural mesh_gltf mesh_obj
+schema_camera
+scene layout settings files toolchain schema_types exr_state film signals
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}
