@@ -1,4 +1,4 @@
-"""Reads triangle meshes: OBJ, PLY, STL, OFF, GLB and glTF, by trimesh.
+"""Reads triangle meshes: PLY, STL, OFF, GLB and glTF by trimesh, OBJ without it.
 
 A file's parts are joined into one mesh in the file's world space. Texture coordinates are taken as they are stored; the
 file's materials, colours, lights and cameras are not used, and a warning names them.
@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyrt.errors import SceneError
 from pyrt.files import read_bytes
-from pyrt.mesh_text import UV_ATTRIBUTE, prepare_gltf, prepare_obj
+from pyrt.mesh_gltf import UV_ATTRIBUTE, prepare_gltf
+from pyrt.mesh_obj import read_obj
 
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf")
 _DEFAULT_UVS = np.array([[0, 0], [1, 0], [1, 1]], np.float32)
@@ -39,7 +40,7 @@ def load_mesh(path: str | os.PathLike[str]) -> MeshData:
 
     Vertices at equal positions in the file stay bit-equal, so that a closed mesh stays closed. Degenerate triangles and
     non-finite vertices are kept. Where only some parts of a file have texture coordinates, the others get (0,0), (1,0),
-    (1,1); where only some have normals, the others are flat.
+    (1,1); where only some have normals, the others are flat. An OBJ file's parts are its triangles.
 
     Raises:
         SceneError: the file cannot be read, is not of its format, or holds no triangle.
@@ -50,7 +51,7 @@ def load_mesh(path: str | os.PathLike[str]) -> MeshData:
     content = read_bytes(path)
     try:
         with np.errstate(all="ignore"):  # what is not finite is dropped later, and counted
-            mesh = _parse(content, extension, path)
+            mesh = _from_obj(content) if extension == "obj" else _parse(content, extension, path)
     except Exception as error:  # on malformed files trimesh raises whatever comes up
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise SceneError(f"{path}: not a readable {extension.upper()} mesh: {reason}") from None
@@ -78,14 +79,26 @@ def transformed(mesh: MeshData, matrix: ArrayLike) -> MeshData:
     )
 
 
+def _from_obj(content: bytes) -> MeshData:
+    data = read_obj(content)
+    triangles, uv_index, normal_index = data.corners.transpose(2, 0, 1)
+    has_uvs, has_normals = ((index >= 0).all(axis=1)[:, None, None] for index in (uv_index, normal_index))
+    mesh = MeshData(data.positions, triangles.astype(np.int32), warnings=data.warnings)
+    if has_uvs.any():
+        uvs = np.where(has_uvs, data.uvs[uv_index], _DEFAULT_UVS)
+        mesh = mesh._replace(uvs=uvs.astype(np.float32))
+    if has_normals.any():
+        normals = np.where(has_normals, _unit(data.normals)[normal_index], np.nan)
+        mesh = mesh._replace(normals=_filled(normals, mesh))
+    return mesh
+
+
 def _parse(content: bytes, extension: str, path: str | os.PathLike[str]) -> MeshData:
     from trimesh import Trimesh, load_scene
     from trimesh.resolvers import FilePathResolver
 
     warnings: list[str] = []
-    if extension == "obj":
-        content, warnings = prepare_obj(content)
-    elif extension in ("glb", "gltf"):
+    if extension in ("glb", "gltf"):
         content, warnings = prepare_gltf(content, extension)
     resolver = FilePathResolver(os.fspath(path))
     scene = load_scene(io.BytesIO(content), extension, resolver=resolver, process=False, skip_materials=True)
@@ -100,8 +113,6 @@ def _parse(content: bytes, extension: str, path: str | os.PathLike[str]) -> Mesh
             warnings.append("its colours are not used")
         part = _part(geometry)
         parts.append(part if np.array_equal(matrix, np.eye(4)) else transformed(part, matrix))
-    if extension == "obj":
-        warnings += _dropped_from_obj(content, parts)
     return _joined(parts)._replace(warnings=tuple(dict.fromkeys(warnings)))
 
 
@@ -119,9 +130,7 @@ def _part(geometry: Any) -> MeshData:
     # trimesh computes normals that are asked for; only those from the file are in its cache by now
     if "vertex_normals" in geometry._cache:
         normals = _unit(np.asarray(geometry.vertex_normals, np.float64))[triangles]
-        missing = ~np.isfinite(normals).all(axis=2)
-        normals[missing] = np.broadcast_to(_flat_normals(mesh), normals.shape)[missing]
-        mesh = mesh._replace(normals=normals.astype(np.float32))
+        mesh = mesh._replace(normals=_filled(normals, mesh))
     return mesh
 
 
@@ -152,20 +161,6 @@ def _joined_corners(
     return np.concatenate(filled).astype(np.float32)
 
 
-def _dropped_from_obj(content: bytes, parts: list[MeshData]) -> list[str]:
-    """What trimesh leaves out of an OBJ file without a word."""
-    warnings = []
-    if sum(len(part.triangles) for part in parts) < content.count(b"\nf "):
-        warnings.append("its faces with fewer than 3 corners are dropped")
-    for key, what, missing in (
-        (b"\nvt ", "texture coordinates", any(part.uvs is None for part in parts)),
-        (b"\nvn ", "normals", any(part.normals is None for part in parts)),
-    ):
-        if missing and key in content:
-            warnings.append(f"its {what} do not cover every face, and are dropped where a group of faces lacks some")
-    return warnings
-
-
 def _apply(linear: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) times each of (..., 3). By elementwise operations, so that equal vectors give equal bits, unlike BLAS."""
     x, y, z = linear.T
@@ -179,6 +174,12 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
         scaled = vectors / np.abs(vectors).max(axis=-1, keepdims=True)
         unit: NDArray[np.float64] = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
     return unit
+
+
+def _filled(normals: NDArray[np.float64], mesh: MeshData) -> NDArray[np.float32]:
+    """The normals (m, 3, 3) with the triangle's own in place of those that are not finite."""
+    finite = np.isfinite(normals).all(axis=2, keepdims=True)
+    return np.where(finite, normals, _flat_normals(mesh)).astype(np.float32)
 
 
 def _flat_normals(mesh: MeshData) -> NDArray[np.float64]:

@@ -24,14 +24,14 @@ renderer tracer
 adaptive passes doctor checkpoint
 device pack scene_io partial
 pack_lights tree scene_json camera rays
-features geometry bvh image_io mesh_io schema_errors scene_hash image_tools
+features geometry bvh image_io mesh_io schema_errors scene_hash
 scene_camera schema sah procedural mesh_gltf mesh_obj
 schema_camera
-scene layout settings files toolchain schema_types exr_state film signals
+scene layout settings files toolchain schema_types exr_state film signals image_tools
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}
-ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io exr_state", "trimesh": "mesh_io"}
+ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io image_tools exr_state", "trimesh": "mesh_io"}
 HEAVY = {*ONLY_IN, "numpy", "pydantic", "rich", "scipy"}
 
 

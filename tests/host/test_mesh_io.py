@@ -90,22 +90,44 @@ def test_obj_normals_without_direction_become_the_triangles(tmp_path: Path) -> N
     assert mesh.normals.tolist() == [[[0, 0, 1], [0, 0, 1], [1, 0, 0]]]
 
 
-def test_parts_without_corners_get_the_defaults(tmp_path: Path) -> None:
-    text = SQUARE + UVS + "vn 0 1 0\nusemtl a\nf 1/4/1 2/4/1 3/4/1\nusemtl b\nf 1 3 4\n"
+def test_obj_faces_without_corners_get_the_defaults(tmp_path: Path) -> None:
+    text = SQUARE + UVS + "vn 0 1 0\nusemtl a\nf 1/4/1 2/4/1 3/4/1\nf 1/1 2/2 3/3\nf 1 3 4\nf 1//1 2//1 3//1\n"
     mesh = obj(tmp_path, text)
     assert mesh.uvs is not None
     assert mesh.normals is not None
-    by_default = corners(mesh)[:, 1, 0].tolist().index(1.0) if corners(mesh)[0, 1, 1] else 1
-    assert mesh.uvs[by_default].tolist() == [[0, 0], [1, 0], [1, 1]]
-    assert mesh.normals[by_default].tolist() == [[0, 0, 1]] * 3
-    assert mesh.normals[1 - by_default].tolist() == [[0, 1, 0]] * 3
+    default = [[0, 0], [1, 0], [1, 1]]
+    assert mesh.uvs.tolist() == [[[0, 1]] * 3, default, default, default]
+    assert mesh.normals[:, 0].tolist() == [[0, 1, 0], [0, 0, 1], [0, 0, 1], [0, 1, 0]]
     prefix = f"{tmp_path}/mesh.obj: its"
-    lacks = "do not cover every face, and are dropped where a group of faces lacks some"
     assert mesh.warnings == (
         f"{prefix} materials are not used",
-        f"{prefix} texture coordinates {lacks}",
-        f"{prefix} normals {lacks}",
+        f"{prefix} texture coordinates do not cover every face",
+        f"{prefix} normals do not cover every face",
     )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SQUARE.replace("\n", "\r\n") + "f 1 2 3\r\n",
+        SQUARE.replace(" ", "\t") + "f\t1 2\t 3 # the lower one\n",
+        "  " + SQUARE.replace("1 0 0", "1 0 \\\n0") + "s off\ng a\nf 1 \\\n 2 3",
+        SQUARE.replace("v 1 0 0", "v 1 0 0 1 0.5 0.5 0.5") + "f 1 2 3",
+        SQUARE.replace("v 1 0 0", "v 1 0") + "vt 0.5\nf 1/1 2/1 3/1",
+    ],
+)
+def test_obj_may_be_written_in_many_ways(text: str, tmp_path: Path) -> None:
+    assert corners(obj(tmp_path, text)).tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]]
+
+
+@pytest.mark.parametrize("file", sorted((Path(__file__).parents[2] / "scenes" / "meshes").glob("*.obj")), ids=str)
+def test_obj_is_read_as_trimesh_reads_it(file: Path) -> None:
+    mesh, other = load_mesh(file), trimesh.load(file, process=False, skip_materials=True)
+    np.testing.assert_array_equal(corners(mesh), other.vertices[other.faces])
+    if mesh.uvs is not None:
+        np.testing.assert_array_equal(mesh.uvs, other.visual.uv.astype(np.float32)[other.faces])
+    if mesh.normals is not None:
+        np.testing.assert_allclose(mesh.normals, other.vertex_normals[other.faces], atol=1e-5)  # not normalised
 
 
 @pytest.mark.parametrize(
@@ -232,9 +254,13 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
         obj(tmp_path, SQUARE)
 
 
-def test_trimesh_is_imported_only_to_read_a_mesh() -> None:
-    code = "import sys, pyrt.mesh_io; sys.exit('trimesh' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+def test_trimesh_is_imported_only_for_formats_that_need_it(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(SQUARE + "f 1 2 3")
+    (tmp_path / "b.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    for name, needed in (("a.obj", False), ("b.off", True)):
+        load = f"pyrt.mesh_io.load_mesh({str(tmp_path / name)!r})"
+        code = f"import sys, pyrt.mesh_io; {load}; sys.exit(('trimesh' in sys.modules) != {needed})"
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
 
 
 @pytest.mark.parametrize("subdivisions", [0, 1, 4])

@@ -1,54 +1,20 @@
-"""Rewrites OBJ and glTF files so that trimesh reads all of them, and names what pyrt does not use.
+"""Rewrites glTF files so that trimesh reads all of them, and names what pyrt does not use.
 
-trimesh takes negative OBJ indices from the end of the file instead of from the face, and drops the texture coordinates
-of glTF primitives whose material it does not load.
+trimesh drops the texture coordinates of glTF primitives whose material it does not load.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import struct
 from typing import Any
 
-_RELATIVE_OR_ZERO = re.compile(r"\nf[^\n]*?[ /](?:-|0[ /\r\n])")
 _UNUSED = ("materials", "textures", "cameras", "animations", "skins")
 # extensions that change no geometry
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_")
 _GLB_HEADER = struct.Struct("<4sII")
 _CHUNK_HEADER = struct.Struct("<I4s")
 UV_ATTRIBUTE = "_UV"  # trimesh keeps attributes that start with an underscore
-
-
-def prepare_obj(content: bytes) -> tuple[bytes, list[str]]:
-    """The file with absolute indices, and warnings. Raises ValueError for an index that refers to nothing."""
-    text = content.decode("utf-8", "replace").replace("\r\n", "\n")
-    warnings = ["its materials are not used"] if "\nusemtl " in text else []
-    if _RELATIVE_OR_ZERO.search(text):
-        text = _absolute(text)
-    return text.encode(), warnings
-
-
-def _absolute(text: str) -> str:
-    counts = {"v": 0, "vt": 0, "vn": 0}  # in the order in which a corner refers to them
-    lines = text.split("\n")
-    for i, line in enumerate(lines):
-        key, *corners = line.split() or [""]
-        if key in counts:
-            counts[key] += 1
-        elif key == "f":
-            lines[i] = " ".join(["f", *(_absolute_corner(corner, list(counts.values())) for corner in corners)])
-    return "\n".join(lines)
-
-
-def _absolute_corner(corner: str, counts: list[int]) -> str:
-    indices = []
-    for index, count in zip(corner.split("/"), counts, strict=False):
-        absolute = int(index) + (count + 1 if index.startswith("-") else 0) if index else None
-        if absolute is not None and absolute < 1:
-            raise ValueError(f"a face refers to index {index}")
-        indices.append("" if absolute is None else str(absolute))
-    return "/".join(indices)
 
 
 def prepare_gltf(content: bytes, extension: str) -> tuple[bytes, list[str]]:
