@@ -1,5 +1,6 @@
-/* Ray queries: one work-item per ray, in normalised coordinates. */
+/* Ray queries: one work-item per ray, in the caller's coordinates (see rays.h). */
 #include "bvh.h"
+#include "rays.h"
 
 static Scene trace_scene(constant SceneParams *params, const global BvhNode *nodes, const global TriangleBlock *blocks)
 {
@@ -7,40 +8,43 @@ static Scene trace_scene(constant SceneParams *params, const global BvhNode *nod
     return scene;
 }
 
-/* rays: [component][ray], components ox oy oz dx dy dz t_max. */
-static Ray trace_ray(const global float *rays, uint count, uint i)
-{
-    float3 o = (float3)(rays[i], rays[i + count], rays[i + 2u * (size_t)count]);
-    float3 d = (float3)(rays[i + 3u * (size_t)count], rays[i + 4u * (size_t)count], rays[i + 5u * (size_t)count]);
-    return ray_make(o, d, rays[i + 6u * (size_t)count], -1);
-}
-
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
-void trace_closest(uint count, constant SceneParams *params, const global BvhNode *nodes,
-                   const global TriangleBlock *blocks, const global float *rays, global float *tuv, global int *ids)
+void trace_closest(uint count, constant SceneParams *params, const global BvhNode *nodes, const global TriangleBlock *blocks,
+                   constant real *space, const global real *origins, const global real *directions,
+                   const global real *limits, uint stride, global uint *invalid,
+                   global real *t, global int *ids, global real *u, global real *v)
 {
     uint i = (uint)get_global_id(0);
     if (i >= count)
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
-    Ray ray = trace_ray(rays, count, i);
+    Ray ray;
+    RayFrame frame;
     Hit hit;
-    bvh_hit(&scene, &ray, false, &hit);
-    ids[i] = hit.id;
-    tuv[i] = hit.t;
-    tuv[i + count] = hit.u;
-    tuv[i + 2u * (size_t)count] = hit.v;
+    bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
+    if (!valid)
+        atomic_inc(invalid);
+    bool found = valid && bvh_hit(&scene, &ray, false, &hit);
+    t[i] = found ? ray_distance(&frame, hit.t) : (real)INFINITY;
+    ids[i] = found ? hit.id : -1;
+    u[i] = found ? hit.u : (real)0;
+    v[i] = found ? hit.v : (real)0;
 }
 
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
-void trace_any(uint count, constant SceneParams *params, const global BvhNode *nodes,
-               const global TriangleBlock *blocks, const global float *rays, global uchar *occluded)
+void trace_any(uint count, constant SceneParams *params, const global BvhNode *nodes, const global TriangleBlock *blocks,
+               constant real *space, const global real *origins, const global real *directions,
+               const global real *limits, uint stride, global uint *invalid, global uchar *occluded)
 {
     uint i = (uint)get_global_id(0);
     if (i >= count)
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
-    Ray ray = trace_ray(rays, count, i);
+    Ray ray;
+    RayFrame frame;
     Hit hit;
-    occluded[i] = bvh_hit(&scene, &ray, true, &hit);
+    bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
+    if (!valid)
+        atomic_inc(invalid);
+    occluded[i] = valid && bvh_hit(&scene, &ray, true, &hit);
 }

@@ -129,6 +129,11 @@ class Device:
             raise DeviceError(f"{self.info}: cannot be opened ({error})") from error
         self.compile_seconds = 0.0
 
+    @property
+    def has_double(self) -> bool:
+        """Whether kernels can compute in float64."""
+        return "cl_khr_fp64" in self.info.raw.extensions.split()
+
     def build(self, source: str, options: Sequence[str]) -> dict[str, Any]:
         """Compiles a file of `kernels/`; returns its kernels by name."""
         cl, start = self._cl, perf_counter()
@@ -161,6 +166,17 @@ class Device:
             data = np.zeros(16, np.uint8)  # OpenCL has no empty buffers
         flags = self._cl.mem_flags
         return self._cl.Buffer(self._context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=data)
+
+    def share(self, array: NDArray[Any]) -> Any:
+        """A buffer that is the contiguous array itself where host and device share memory, and holds its content."""
+        flags = self._cl.mem_flags
+        access = flags.READ_WRITE if array.flags.writeable else flags.READ_ONLY
+        return self._cl.Buffer(self._context, access | flags.USE_HOST_PTR, hostbuf=array)
+
+    def receive(self, buffer: Any, array: NDArray[Any]) -> None:
+        """Completes a shared array after kernels have written to its buffer."""
+        with self.mapped(buffer, array.shape, array.dtype):
+            pass
 
     def allocate(self, nbytes: int) -> Any:
         """A buffer for results, which `mapped` shows to the host."""

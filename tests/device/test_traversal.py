@@ -6,13 +6,16 @@ import warnings
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 import pyrt
+from pyrt.device import Device
 from pyrt.layout import constants
 from pyrt.procedural import icosphere
+from pyrt.rays import Rays
 from pyrt.tree import build_tree
 from tests import meshes
 from tests.controls import edited
@@ -184,20 +187,21 @@ def test_infinite_rays_miss_and_are_counted():
 
 def test_the_kernels_themselves_reject_what_is_not_finite():
     """Also rays that the host would have stopped; hidden lights and materials may make such."""
-    tracer = pyrt.RayTracer(*meshes.cube())
+    with patch.object(Device, "has_double", False):
+        tracer = pyrt.RayTracer(*meshes.cube())
     rows = [(c, value) for c in range(6) for value in INFINITE]
-    batch = np.tile(np.float32([0.1, 0.2, 0.05, 0.3, 0.4, 1.0, np.inf])[:, None], len(rows) + 1)
+    batch = np.tile(np.float32([0.1, 0.2, 0.05, 0.3, 0.4, 1.0]), (len(rows) + 1, 1))
     for i, (component, value) in enumerate(rows):
-        batch[component, i] = value
-    batch[3:6, -1] = 0.0
-    count = batch.shape[1]
-    tuv, ids, hidden = (tracer._device.allocate(n * count) for n in (12, 4, 1))
-    tracer._run("trace_closest", batch, tuv, ids)
-    tracer._run("trace_any", batch, hidden)
-    with tracer._device.mapped(ids, (count,), np.int32) as array:
-        assert (array == -1).all()
-    with tracer._device.mapped(hidden, (count,), np.uint8) as array:
-        assert not array.any()
+        batch[i, component] = value
+    batch[-1, 3:] = 0.0
+    rays = Rays(np.ascontiguousarray(batch[:, :3]), np.ascontiguousarray(batch[:, 3:]), np.float32([np.inf]))
+    ids, hidden = np.zeros(len(rays), np.int32), np.ones(len(rays), np.uint8)
+    tracer._launch(
+        "trace_closest", rays, *np.zeros((1, len(rays)), np.float32), ids, *np.zeros((2, len(rays)), np.float32)
+    )
+    tracer._launch("trace_any", rays, hidden)
+    assert (ids == -1).all()
+    assert not hidden.any()
 
 
 EXTREMES = np.array([0.0, -0.0, 1.0, -1.0, 5e-324, 1e-310, -1e-38, 1e-30, 1e-8, 1e8, -1e29, 3e38, 1e300, *INFINITE])
