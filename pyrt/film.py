@@ -79,9 +79,11 @@ class Film:
     def totals(self) -> Sums:
         """(2, 3, pixels): sums of all samples and of their squares, the nodes added from the first sample on.
 
-        Of a film that was filled only in part: the pixels of its first strips.
+        Of a film that was filled only in part: the pixels of its first strips. Not a copy where there is one node.
         """
         nodes = self.nodes()
+        if len(nodes) == 1:
+            return next(iter(nodes.values()))
         total = np.zeros((2, 3, next(iter(nodes.values())).shape[2] if nodes else len(self.count)))
         for key in sorted(nodes, key=lambda key: key[1] << key[0]):
             total += nodes[key]
@@ -99,6 +101,23 @@ def variance(sums: Sums, count: NDArray[np.uint32]) -> NDArray[np.float64]:
     n = np.maximum(count, 2).astype(np.float64)
     spread = np.maximum(sums[1] - sums[0] * sums[0] / n, 0.0)
     return np.where(count > 1, spread / (n * (n - 1)), 0.0)
+
+
+def picture(
+    sums: Sums, count: NDArray[np.uint32], order: NDArray[np.intp], shape: tuple[int, int]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]:
+    """Mean and variance, (*shape, 3), and number of samples of each pixel; `order`: where it stands in the film."""
+    average, spread = np.empty((2, 3, len(count)), np.float32)
+    for pixel in range(0, len(count), _BLOCK):
+        part = slice(pixel, pixel + _BLOCK)
+        average[:, part] = mean(sums[..., part], count[part])
+        # its square may be more than float32 holds
+        spread[:, part] = np.minimum(variance(sums[..., part], count[part]), np.finfo(np.float32).max)
+    image, scatter = np.empty((2, len(count), 3), np.float32)
+    for channel in range(3):
+        image[:, channel] = average[channel, order]
+        scatter[:, channel] = spread[channel, order]
+    return image.reshape(*shape, 3), scatter.reshape(*shape, 3), count[order].reshape(shape)
 
 
 def node_keys(first: int, count: int) -> Iterator[tuple[int, int]]:

@@ -33,6 +33,22 @@ class Tally:
         return self.samples + int(self.counts[0]) + int(self.counts[1])
 
 
+@dataclass
+class Scratch:
+    """Buffers for what passes leave, kept for the next ones: the first touch of new memory costs more than using it."""
+
+    device: Device
+    buffers: dict[str, Any] = field(default_factory=dict)
+
+    def buffer(self, name: str, nbytes: int) -> Any:
+        """The buffer of that name, of at least this size; its content is whatever it was."""
+        found = self.buffers.get(name)
+        if found is None or found.size < nbytes:
+            self.buffers[name] = None  # the old one goes before the new one comes
+            self.buffers[name] = self.device.allocate(nbytes)
+        return self.buffers[name]
+
+
 @dataclass(frozen=True)
 class SampleTracer:
     """Traces samples of one picture: the scene's buffers, the picture's parameters, and how to cut passes.
@@ -42,6 +58,7 @@ class SampleTracer:
         buffers: the scene's arrays, in the order of the kernel's arguments.
         parameters: buffer of SceneParams.
         beam_bytes: of one beam and its shafts; 0: no beams.
+        scratch: of the same device.
         pass_samples: at most so many samples in a pass, or one pixel's.
         after_pass: called after every pass; returning False stops.
     """
@@ -51,6 +68,7 @@ class SampleTracer:
     buffers: dict[str, Any]
     parameters: Any
     beam_bytes: int
+    scratch: Scratch
     seed: int
     pass_samples: int
     tally: Tally
@@ -64,9 +82,9 @@ class SampleTracer:
         film = Film.empty(len(pixels))
         passes = _passes(len(pixels), first_sample, samples, self.pass_samples)
         pixel_buffer = self.device.upload("pixels", pixels)
-        planes = self.device.allocate(4 * max(3 * p["sample_count"] * p["stride"] for p in passes))
-        counts = self.device.allocate(16 * max(_groups(p) for p in passes))
-        beams = self.device.allocate(max(_beams(p) for p in passes) * self.beam_bytes)
+        planes = self.scratch.buffer("planes", 4 * max(3 * int(p["sample_count"]) * int(p["stride"]) for p in passes))
+        counts = self.scratch.buffer("counts", 16 * max(_groups(p) for p in passes))
+        beams = self.scratch.buffer("beams", max(_beams(p) for p in passes) * self.beam_bytes)
         for params in passes:
             params["seed"] = self.seed
             start = perf_counter()
@@ -108,10 +126,28 @@ def _keep_complete(film: Film, params: NDArray[Any], end: int) -> int:
 
 def tiled_pixels(width: int, height: int) -> NDArray[np.uint32]:
     """All pixels as x + 65536 · y, tile by tile: neighbouring work-items trace neighbouring rays."""
-    y, x = np.mgrid[0:height, 0:width].astype(np.uint32)
-    tile = (y // _TILE) * np.uint32(-(-width // _TILE)) + x // _TILE
-    order = np.argsort(tile.ravel(), kind="stable")
-    return np.asarray(((y << np.uint32(16)) | x).ravel()[order])
+    y, x = _tile_grid(width, height)
+    pixels = (y << np.uint32(16)) | x
+    whole = (y.size, x.size) == (height, width)
+    return np.asarray(pixels.ravel() if whole else pixels[(y < height) & (x < width)])
+
+
+def tile_order(width: int, height: int) -> NDArray[np.intp]:
+    """(height · width,): where each pixel, row by row, stands in the list of `tiled_pixels`."""
+    y, x = _tile_grid(width, height)
+    if (y.size, x.size) == (height, width):
+        place = np.arange(width * height)
+    else:
+        place = np.cumsum((y < height) & (x < width)) - 1
+    tiles = place.reshape(y.shape[0], x.shape[1], _TILE, _TILE)
+    return tiles.transpose(0, 2, 1, 3).reshape(y.size, x.size)[:height, :width].ravel()
+
+
+def _tile_grid(width: int, height: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """y and x of all pixels of the tiles that cover a picture: they broadcast to (rows, columns, _TILE, _TILE)."""
+    y = np.arange(-(-height // _TILE) * _TILE, dtype=np.uint32).reshape(-1, 1, _TILE, 1)
+    x = np.arange(-(-width // _TILE) * _TILE, dtype=np.uint32).reshape(1, -1, 1, _TILE)
+    return y, x
 
 
 def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[NDArray[Any]]:

@@ -20,7 +20,7 @@ from pyrt.features import build_options, feature_table
 from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
 from pyrt.partial import Partial, Work, kernels_hash, state_part
-from pyrt.passes import PASS_SAMPLES, SampleTracer, Tally, tiled_pixels
+from pyrt.passes import PASS_SAMPLES, SampleTracer, Scratch, Tally, tile_order, tiled_pixels
 from pyrt.scene import Scene
 from pyrt.scene_hash import scene_hash
 
@@ -121,6 +121,7 @@ class Renderer:
         start = perf_counter()
         self._buffers = {name: self._device.upload(name, array) for name, array in self._packed.arrays.items()}
         self._seconds["upload"] = perf_counter() - start
+        self._scratch = Scratch(self._device)
 
     def render(
         self,
@@ -186,6 +187,7 @@ class Renderer:
             buffers=self._buffers,
             parameters=self._device.upload("parameters", self._scene_params(width, height)),
             beam_bytes=self._beam_bytes(),
+            scratch=self._scratch,
             seed=seed,
             pass_samples=pass_samples,
             tally=watch.tally,
@@ -197,7 +199,7 @@ class Renderer:
             refined = refine(tracer.trace, pixels, noise or 0.0, spp)
         else:
             refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
-        return self._result(refined, pixels, width, height, watch.tally)
+        return self._result(refined, width, height, watch.tally)
 
     def _render_rounds(
         self,
@@ -211,7 +213,7 @@ class Renderer:
         def result(partial: Partial) -> Result:
             whole, work = partial.film, partial.work
             refined = Refined(whole.totals(), whole.count, None, whole.dropped)
-            return replace(self._result(refined, pixels, work.width, work.height, watch.tally), partial=partial)
+            return replace(self._result(refined, work.width, work.height, watch.tally), partial=partial)
 
         def save(partial: Partial) -> None:
             if checkpoint is not None:
@@ -232,18 +234,10 @@ class Renderer:
         params["camera"] = pack_camera(self._packed, self.scene.camera, width, height)
         return params
 
-    def _result(self, refined: Refined, pixels: NDArray[np.uint32], width: int, height: int, tally: Tally) -> Result:
-        def picture(planes: NDArray[Any], dtype: type) -> NDArray[Any]:
-            out = np.empty((height, width, *planes.shape[:-1]), dtype)
-            out[pixels >> 16, pixels & 0xFFFF] = planes.T
-            return out
-
-        sums, count = refined.sums, refined.count
+    def _result(self, refined: Refined, width: int, height: int, tally: Tally) -> Result:
         stats = {**self._stats(tally), "noise": refined.noise}
         stats["dropped"]["samples"] = refined.dropped
-        mean = film.mean(sums, count)
-        variance = np.minimum(film.variance(sums, count), np.finfo(np.float32).max)  # squares of what float32 holds
-        return Result(picture(mean, np.float32), picture(variance, np.float32), picture(count, np.uint32), stats)
+        return Result(*film.picture(refined.sums, refined.count, tile_order(width, height), (height, width)), stats)
 
     def _stats(self, tally: Tally) -> dict[str, Any]:
         specular, shadow, dark, clear = (int(n) for n in tally.counts)

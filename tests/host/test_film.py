@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pyrt import film as film_module
 from pyrt.film import Film
+from pyrt.passes import tile_order, tiled_pixels
 
 PIXELS = 5
 
@@ -166,3 +167,29 @@ def test_the_largest_floats_stay_finite():
     film = film_of(np.full((1000, 3, 1), np.finfo(np.float32).max))
     assert film.dropped == 0
     np.testing.assert_allclose(film_mean(film), np.finfo(np.float32).max, rtol=1e-15)
+
+
+# Pictures -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (8, 4), (7, 9), (160, 120)])
+def test_a_picture_has_each_pixel_in_its_place(width, height):
+    """Also where tiles are cut off by the picture's edge, and with more pixels than one block of the sums."""
+    pixels = tiled_pixels(width, height)
+    film = film_of(random_planes(3, len(pixels)))
+    image, variance, samples = film_module.picture(
+        film.totals(), film.count, tile_order(width, height), (height, width)
+    )
+    truth = np.full((height, width, 3), np.nan, np.float32)
+    truth[pixels >> 16, pixels & 0xFFFF] = film_mean(film).T
+    np.testing.assert_array_equal(image, truth)
+    truth[pixels >> 16, pixels & 0xFFFF] = film_variance(film).T
+    np.testing.assert_array_equal(variance, truth)
+    assert (samples == 3).all()
+    assert samples.shape == (height, width)
+
+
+def test_pixels_come_tile_by_tile():
+    tile = tiled_pixels(8, 8)[:16]
+    assert (tile >> 16).max() == (tile & 0xFFFF).max() == 3
+    assert len(np.unique(tiled_pixels(7, 9))) == 63
