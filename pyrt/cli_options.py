@@ -45,9 +45,11 @@ def add_verb(
     return parser
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
+def add_scene(
+    parser: argparse.ArgumentParser, metavar: str = "SCENE", text: str = "a scene file, or example:NAME"
+) -> None:
     """Adds SCENE and --set, which `load` reads."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene file, or example:NAME")
+    parser.add_argument("scene", metavar=metavar, help=text)
     parser.add_argument(
         "--set",
         metavar="PATH=VALUE",
@@ -106,6 +108,15 @@ def seconds(text: str) -> float:
         return float(number) * {"s": 1, "m": 60, "h": 3600}[unit]
     except ValueError:
         raise argparse.ArgumentTypeError(f'expected a time such as 90, 90s, 5m or 2h, got "{text}"') from None
+
+
+def sample_range(text: str) -> tuple[int, int]:
+    """16:32 → (16, 32)."""
+    first, _, end = text.partition(":")
+    try:
+        return int(first), int(end)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected FIRST:END such as 0:64, got "{text}"') from None
 
 
 def setting(text: str) -> tuple[str, Any]:

@@ -1,8 +1,9 @@
-"""The verbs about scenes: `info` and `validate`."""
+"""The verbs about scenes: `info`, `validate` and `schema`."""
 
 from __future__ import annotations
 
 import argparse
+import json
 
 from pyrt.cli_options import Verbs, add_scene, add_verb, load
 
@@ -14,14 +15,18 @@ _VALIDATE_EXAMPLES = """\
   pyrt validate scene.json                      every mistake at once, one sentence each
   pyrt validate scene.json && pyrt render scene.json
 """
+_SCHEMA_EXAMPLES = """\
+  pyrt schema > scene.schema.json               for editors that check and complete
+"""
 
 
 def add_verbs(verbs: Verbs) -> None:
-    """Declares `info` and `validate`."""
+    """Declares `info`, `validate` and `schema`."""
     text = "what a scene holds, and which features it compiles in"
     add_scene(add_verb(verbs, "info", "SCENE", _info, text, _INFO_EXAMPLES))
     text = "check a scene and the files it names, all errors at once"
     add_scene(add_verb(verbs, "validate", "SCENE", _validate, text, _VALIDATE_EXAMPLES))
+    add_verb(verbs, "schema", "", _schema, "print the JSON Schema of a scene file", _SCHEMA_EXAMPLES)
 
 
 def _info(args: argparse.Namespace) -> int:
@@ -34,4 +39,11 @@ def _info(args: argparse.Namespace) -> int:
 def _validate(args: argparse.Namespace) -> int:
     scene = load(args)
     print(f"{args.scene}: valid, {len(scene.shapes)} objects")
+    return 0
+
+
+def _schema(args: argparse.Namespace) -> int:
+    from pyrt.schema import json_schema
+
+    print(json.dumps(json_schema(), indent=2))
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.errors import PyrtError, SceneError, UsageError
-from pyrt.exr_state import StatePart, state_spec, write_state
+from pyrt.exr_state import StatePart
 from pyrt.files import check_file, replacing
+from pyrt.image_file import Attribute, Window, date, first_line, image_spec, write_exr, write_file
+from pyrt.image_tools import check_view, viewed
 
 MAX_TEXTURE_SIDE = 32768
 MAX_TEXELS = 2**27  # 1.5 GiB of float32 RGB; a device buffer may end at 2 GiB
-MAX_HALF = 65504.0
 MAX_EXPOSURE = 120  # whose gain float32 holds
 
 _DISPLAY = {".png", ".jpg", ".jpeg"}
@@ -71,12 +71,14 @@ def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) ->
 
 
 def read_picture(path: str | os.PathLike[str]) -> Picture:
-    """Reads the colours of an image file, decoded to linear; what else the file holds is left out.
+    """Reads the colours of an image file, or of an array (h, w, 3) in NPY, decoded to linear; the rest is left out.
 
     Raises:
         UsageError: as SceneError of `read_texture`, but pixels need not be finite.
     """
     try:
+        if Path(path).suffix.lower() == ".npy":
+            return Picture(_read_npy(path), False)
         stored, spec = _read(path)
         colorspace = _stored_colorspace(spec)
         return Picture(_decoded(stored[..., _color_channels(spec, path)], colorspace), colorspace == "srgb")
@@ -84,12 +86,24 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
         raise UsageError(str(error)) from None
 
 
+def _read_npy(path: str | os.PathLike[str]) -> Image:
+    check_file(path)
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)  # mapped: no more than the file holds is allocated
+    except ValueError as error:
+        raise SceneError(f"{path}: not a readable array: {first_line(str(error)).lower()}") from None
+    if array.ndim != 3 or array.shape[2] != 3 or not array.size or array.dtype.kind not in "fiu":
+        raise SceneError(f"{path}: expected an array (height, width, 3) of numbers, found {array.shape} {array.dtype}")
+    return np.array(array, np.float32)
+
+
 def is_picture(path: str | os.PathLike[str]) -> bool:
-    """Whether OpenImageIO has a format for the name's extension."""
+    """Whether the name's extension is of a picture: NPY, or a format of OpenImageIO's."""
     import OpenImageIO as oiio
 
-    formats = str(oiio.get_string_attribute("input_format_extensions")) if False else ""
-    return Path(path).suffix.lower().removeprefix(".") in formats.split(",")
+    formats = oiio.get_string_attribute("extension_list")  # "tiff:tif,tiff;png:png"
+    extensions = {extension for names in formats.split(";") for extension in names.partition(":")[2].split(",")}
+    return Path(path).suffix.lower().removeprefix(".") in extensions | {"npy"}
 
 
 def _read(path: str | os.PathLike[str]) -> tuple[NDArray[Any], Any]:
@@ -103,7 +117,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[NDArray[Any], Any]:
     hints.attribute("oiio:UnassociatedAlpha", 1)  # else the colours of PNG come multiplied by alpha
     file = oiio.ImageInput.open(os.fspath(path), hints)
     if file is None:
-        raise SceneError(f"{path}: not a readable image: {_first_line(oiio.geterror())}")
+        raise SceneError(f"{path}: not a readable image: {first_line(oiio.geterror())}")
     spec = file.spec()
     if max(spec.width, spec.height) > MAX_TEXTURE_SIDE or spec.width * spec.height > MAX_TEXELS:
         raise SceneError(
@@ -115,7 +129,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[NDArray[Any], Any]:
     kind = str(spec.format)
     stored = file.read_image(kind if kind in ("uint8", "uint16") else "float")
     if stored is None:
-        raise SceneError(f"{path}: not a readable image: {_first_line(file.geterror())}")
+        raise SceneError(f"{path}: not a readable image: {first_line(file.geterror())}")
     return stored, spec
 
 
@@ -144,9 +158,9 @@ def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
         return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
 
 
-def check_output(path: str | os.PathLike[str], exposure: float = 0.0) -> None:
-    """Raises UsageError if `write_image` could not write that: an unknown extension, no folder to write to, or an
-    exposure that is out of range."""
+def check_output(path: str | os.PathLike[str], exposure: float = 0.0, view: str | None = None) -> None:
+    """Raises UsageError if `write_image` could not write that: an unknown extension, no folder to write to, an exposure
+    that is out of range, or an unknown view."""
     target = Path(path)
     extensions = sorted(_DISPLAY | _LINEAR)
     if target.suffix.lower() not in extensions:
@@ -158,6 +172,7 @@ def check_output(path: str | os.PathLike[str], exposure: float = 0.0) -> None:
     if not os.path.isdir(target.parent):
         raise UsageError(f"{path}: there is no folder {target.parent}")
     check_exposure(exposure)
+    check_view(view)
     if not os.access(target.parent, os.W_OK):
         raise UsageError(f"{path}: the folder {target.parent} is not writable")
 
@@ -173,27 +188,33 @@ def write_image(
     image: NDArray[Any],
     *,
     exposure: float = 0.0,
-    metadata: Mapping[str, str | int | float] | None = None,
+    view: str | None = None,
+    metadata: Mapping[str, Attribute] | None = None,
     planes: Mapping[str, NDArray[Any]] | None = None,
     half: bool = True,
+    window: Window | None = None,
     state: StatePart | None = None,
 ) -> tuple[str, ...]:
     """Writes an (h, w, 3) linear image in the format of the extension, all of the file or nothing.
 
     PNG and JPEG hold 8 bits on the sRGB curve, dithered by OpenImageIO's fixed blue noise, after a gain of 2^exposure;
-    no tone mapping. EXR (half, or float), HDR, TIFF (float) and NPY (float) hold linear values and ignore the exposure.
-    `planes`, (h, w) arrays by channel name, and `metadata` go into EXR files only, as float channels and header
-    attributes, and so does `state`, as a part of its own. The header's date is SOURCE_DATE_EPOCH if that is set, so
-    that files can be reproduced.
+    no tone mapping, unless `view` names a view of OpenColorIO's built-in configuration (see `image_tools.VIEWS`). EXR
+    (half, or float), HDR, TIFF (float) and NPY (float) hold linear values and ignore the exposure and the view.
+
+    Into EXR files only go `planes`, (h, w) arrays by channel name, as float channels, or 32-bit whole numbers where the
+    array has unsigned ones; `metadata`, header attributes; `window`, where in a larger picture the image lies (the data
+    window in the display window); and `state`, as a part of its own. The header's date is SOURCE_DATE_EPOCH if that is
+    set, so that files can be reproduced.
 
     Returns:
-        Warnings: half channels end at 65504, brighter values are clamped to that.
+        Warnings: half channels end at 65504, brighter values are clamped to that; a channel of whole numbers above 2^23
+        (but 2^32 − 1) is left out, as OpenImageIO would round them.
 
     Raises:
         UsageError: as `check_output`.
         PyrtError: writing failed, for instance because the disk is full.
     """
-    check_output(path, exposure)
+    check_output(path, exposure, view)
     extension = Path(path).suffix.lower()
     pixels = np.asarray(image, np.float32)
     warnings: tuple[str, ...] = ()
@@ -204,81 +225,28 @@ def write_image(
             elif extension in _DISPLAY:
                 with np.errstate(over="ignore"):  # white then
                     pixels = pixels * np.float32(2.0**exposure)
-                _write_display(temporary, pixels)
+                _write_display(temporary, pixels, view)
             elif extension == ".exr":
-                warnings = _write_exr(temporary, pixels, planes or {}, metadata or {}, half, state)
+                warnings = write_exr(temporary, pixels, planes or {}, metadata or {}, half, window, state)
             else:
-                _write(temporary, _spec(pixels, "float", {"DateTime": _date()}), pixels)
+                write_file(temporary, image_spec(pixels.shape, "float", date()), iter([pixels]))
     except OSError as error:
         raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
     return tuple(f"{path}: {warning}" for warning in warnings)
 
 
-def _write_display(path: Path, pixels: Image) -> None:
-    encoded = linear_to_srgb(np.clip(np.nan_to_num(pixels), 0, 1)).astype(np.float32)
-    attributes: dict[str, str | int | float] = {
+def _write_display(path: Path, pixels: Image, view: str | None) -> None:
+    finite = np.nan_to_num(pixels)
+    encoded = linear_to_srgb(np.clip(finite, 0, 1)).astype(np.float32) if view is None else viewed(finite, view)
+    attributes: dict[str, Attribute] = {
         "oiio:ColorSpace": "sRGB",
         "oiio:dither": 1,
         "Compression": "png" if path.suffix.lower() == ".png" else "jpeg:95",
         "jpeg:subsampling": "4:4:4",
     }
-    _write(path, _spec(encoded, "uint8", attributes), encoded)
-
-
-def _write_exr(
-    path: Path,
-    pixels: Image,
-    planes: Mapping[str, NDArray[Any]],
-    metadata: Mapping[str, str | int | float],
-    half: bool,
-    state: StatePart | None,
-) -> tuple[str, ...]:
-    warnings: tuple[str, ...] = ()
-    too_bright = int(np.sum(np.abs(pixels) > MAX_HALF)) if half else 0
-    if too_bright:
-        pixels = np.clip(pixels, -MAX_HALF, MAX_HALF)
-        warnings = (f"{too_bright} values above {MAX_HALF:g} are clamped to that, the largest half float",)
-    stored = np.dstack([pixels, *(np.asarray(plane, np.float32) for plane in planes.values())])
-    spec = _spec(stored, "half" if half else "float", {"DateTime": _date(), **metadata})
-    spec.channelnames = ("R", "G", "B", *planes)
-    spec.channelformats = (spec.format,) * 3 + ("float",) * len(planes)
-    _write(path, spec, stored, state)
-    return warnings
-
-
-def _spec(pixels: Image, kind: str, attributes: Mapping[str, str | int | float]) -> Any:
-    import OpenImageIO as oiio
-
-    height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, kind)
-    for name, value in attributes.items():
-        # integer attributes have 32 bits
-        spec.attribute(name, str(value) if isinstance(value, int) and abs(value) >= 2**31 else value)
-    return spec
-
-
-def _write(path: Path, spec: Any, pixels: Image, state: StatePart | None = None) -> None:
-    import OpenImageIO as oiio
-
-    file = oiio.ImageOutput.create(os.fspath(path))
-    if file is None:
-        raise OSError(_first_line(oiio.geterror()))
-    name, specs = os.fspath(path), [spec] if state is None else [spec, state_spec(spec, state)]
-    written = file.open(name, specs) and file.write_image(np.ascontiguousarray(pixels))
-    if written and state is not None:
-        written = file.open(name, specs[1], "AppendSubimage") and write_state(file, state)
-    if not (written and file.close()):
-        raise OSError(_first_line(file.geterror()))
-
-
-def _date() -> str:
-    return time.strftime("%Y:%m:%d %H:%M:%S", time.gmtime(int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))))
+    write_file(path, image_spec(encoded.shape, "uint8", attributes), iter([encoded]))
 
 
 def _is_utf8(path: str) -> bool:
     """Whether OpenImageIO can take the name; Python's file functions take any."""
     return path.isascii() or not any("\ud800" <= c <= "\udfff" for c in path)
-
-
-def _first_line(message: str) -> str:
-    return message.strip().split("\n")[0].rstrip(".")

@@ -16,22 +16,27 @@ SOURCES = {file.stem: file.read_text(encoding="utf-8") for file in sorted(Path(p
 LAYERS = """
 __main__
 cli
-cli_render cli_image cli_scene cli_device
+cli_render cli_merge cli_image cli_scene cli_device
 cli_options
 __init__
 api info progress terminal compare
+farm
 renderer tracer
 adaptive passes doctor checkpoint
 device pack scene_io partial
 pack_lights tree scene_json camera rays
-features geometry bvh image_io mesh_io schema_errors scene_hash
-scene_camera schema sah procedural mesh_gltf mesh_obj
+mesh_io studio
+gltf_mesh
+gltf
+gltf_schema
+features geometry bvh image_io schema_errors scene_hash
+scene_camera schema sah procedural mesh_data mesh_obj
 schema_camera
 scene layout settings files toolchain schema_types exr_state film signals image_tools
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}
-ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io image_tools exr_state", "trimesh": "mesh_io"}
+ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io image_tools image_file exr_state", "trimesh": "mesh_io"}
 HEAVY = {*ONLY_IN, "numpy", "pydantic", "rich", "scipy"}
 
 

@@ -14,7 +14,7 @@ from pyrt.cli import main
 
 SCENE = "example:cornell"
 PACKAGE = Path(__file__).parents[2]
-VERBS = ("render", "info", "validate", "devices", "doctor")
+VERBS = ("render", "view", "diff", "info", "validate", "schema", "devices", "doctor")
 
 
 def shell(command: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -46,7 +46,7 @@ def test_every_verb_teaches_by_example(verb, capsys):
     ("arguments", "message"),
     [
         (["rendr"], 'no verb "rendr"; did you mean render?'),
-        (["frobnicate"], 'no verb "frobnicate"; there are devices, doctor,'),
+        (["frobnicate"], 'no verb "frobnicate"; there are devices, d'),
         (["render"], "required: SCENE"),
         (["render", SCENE, "--nose", "0.1"], "no option --nose; did you mean --noise?"),
         (["render", SCENE, "--nose=0.1"], "no option --nose; did you mean --noise?"),
