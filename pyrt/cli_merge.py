@@ -1,0 +1,45 @@
+"""`pyrt merge`."""
+
+from __future__ import annotations
+
+import argparse
+
+from pyrt.cli_options import Verbs, add_verb, say, warn
+
+_EXAMPLES = """\
+  pyrt render scene.json --samples 0:512 -o a.exr        on one machine ...
+  pyrt render scene.json --samples 512:1024 -o b.exr     ... and on another
+  pyrt merge a.exr b.exr -o picture.exr -o picture.png   the same bits as --spp 1024 gives
+"""
+
+
+def add_verbs(verbs: Verbs) -> None:
+    """Declares `merge`."""
+    text = "add up renders of separate samples of one picture, exactly"
+    parser = add_verb(verbs, "merge", "A B ... -o C", _merge, text, _EXAMPLES)
+    parser.add_argument("parts", metavar="FILE", nargs="+", help="EXR that render wrote with --samples or --checkpoint")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        action="append",
+        required=True,
+        help="picture to write, format by extension; may be repeated; an .exr can be merged and continued in turn",
+    )
+    parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
+
+
+def _merge(args: argparse.Namespace) -> int:
+    from pyrt.farm import merge
+    from pyrt.image_io import check_output
+
+    for path in args.output:
+        check_output(path, args.exposure)
+    result = merge(args.parts)
+    for path in args.output:
+        for text in result.save(path, exposure=args.exposure):
+            warn(text)
+    partial = result.partial
+    if partial is not None:
+        say(f"{', '.join(args.output)}: samples {partial.first}:{partial.end} of each pixel")
+    return 0

@@ -1,0 +1,117 @@
+"""Writing image files by OpenImageIO: channels, header, and where in a larger picture the pixels lie."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.exr_state import StatePart, state_spec, write_state
+
+MAX_HALF = 65504.0
+_MAX_ID = 1 << 23  # OpenImageIO converts through float32: up to here, and 0xffffffff, whole numbers stay what they are
+_ROWS = 64  # written at a time, which bounds memory; EXR compresses 16 together
+
+Attribute = str | int | float | NDArray[np.float64]  # an array: a 4×4 matrix
+
+
+class Window(NamedTuple):
+    """Pixels x0 … x1 − 1, y0 … y1 − 1 of a picture of width × height."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+    width: int
+    height: int
+
+
+def write_exr(
+    path: Path,
+    pixels: NDArray[np.float32],
+    planes: Mapping[str, NDArray[Any]],
+    metadata: Mapping[str, Attribute],
+    half: bool,
+    window: Window | None,
+    state: StatePart | None,
+) -> tuple[str, ...]:
+    """Arguments and warnings as for `image_io.write_image`. Raises OSError."""
+    warnings = []
+    too_bright = int(np.sum(np.abs(pixels) > MAX_HALF)) if half else 0
+    if too_bright:
+        pixels = np.clip(pixels, -MAX_HALF, MAX_HALF)
+        warnings.append(f"{too_bright} values above {MAX_HALF:g} are clamped to that, the largest half float")
+    inexact = [name for name, plane in planes.items() if _has_large_ids(plane)]
+    for name in inexact:
+        warnings.append(f"{name} is left out: it holds numbers above {_MAX_ID}, which OpenImageIO would round")
+    stored = {"R": pixels[..., 0], "G": pixels[..., 1], "B": pixels[..., 2]}
+    stored |= {name: plane for name, plane in planes.items() if name not in inexact}
+    kinds = ["half" if half else "float"] * 3 + ["uint" if p.dtype.kind == "u" else "float" for p in planes.values()]
+    height, width, _ = pixels.shape
+    spec = image_spec((height, width, len(stored)), kinds[0], {**date(), **metadata}, window)
+    spec.channelnames, spec.channelformats = tuple(stored), tuple(kinds[: len(stored)])
+    write_file(path, spec, _blocks(list(stored.values())), state)
+    return tuple(warnings)
+
+
+def _has_large_ids(plane: NDArray[Any]) -> bool:
+    return plane.dtype.kind == "u" and bool(((plane > _MAX_ID) & (plane < 0xFFFFFFFF)).any())
+
+
+def _blocks(channels: list[NDArray[Any]]) -> Iterator[NDArray[np.float32]]:
+    """Rows of all channels; the whole numbers of 32 bits as the fractions of 2^32 − 1 that OpenImageIO takes."""
+    for row in range(0, len(channels[0]), _ROWS):
+        rows = [channel[row : row + _ROWS] for channel in channels]
+        yield np.dstack([(c / 0xFFFFFFFF if c.dtype.kind == "u" else c).astype(np.float32) for c in rows])
+
+
+def image_spec(
+    shape: tuple[int, ...], kind: str, attributes: Mapping[str, Attribute], window: Window | None = None
+) -> Any:
+    """OpenImageIO's header for (height, width, channels) pixels."""
+    import OpenImageIO as oiio
+
+    spec = oiio.ImageSpec(shape[1], shape[0], shape[2], kind)
+    if window is not None:
+        spec.x, spec.y, spec.full_width, spec.full_height = window.x0, window.y0, window.width, window.height
+    for name, value in attributes.items():
+        if isinstance(value, np.ndarray):
+            spec.attribute(name, oiio.TypeDesc("matrix"), tuple(value.ravel().tolist()))
+        else:  # integer attributes have 32 bits
+            spec.attribute(name, str(value) if isinstance(value, int) and abs(value) >= 2**31 else value)
+    return spec
+
+
+def write_file(path: Path, spec: Any, blocks: Iterator[NDArray[Any]], state: StatePart | None = None) -> None:
+    """Writes (rows, width, channels) blocks, all rows in order. Raises OSError."""
+    import OpenImageIO as oiio
+
+    file = oiio.ImageOutput.create(os.fspath(path))
+    if file is None:
+        raise OSError(first_line(oiio.geterror()))
+    name, specs = os.fspath(path), [spec] if state is None else [spec, state_spec(spec, state)]
+    written = file.open(name, specs)
+    row = spec.y
+    for block in blocks if written else ():
+        written = written and file.write_scanlines(row, row + len(block), 0, np.ascontiguousarray(block))
+        row += len(block)
+    if written and state is not None:
+        written = file.open(name, specs[1], "AppendSubimage") and write_state(file, state)
+    if not (written and file.close()):
+        raise OSError(first_line(file.geterror()))
+
+
+def date() -> dict[str, str]:
+    """The header's date: SOURCE_DATE_EPOCH if that is set, so that files can be reproduced, else now."""
+    seconds = int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))
+    return {"DateTime": time.strftime("%Y:%m:%d %H:%M:%S", time.gmtime(seconds))}
+
+
+def first_line(message: str) -> str:
+    """Of what OpenImageIO says."""
+    return message.strip().split("\n")[0].rstrip(".")
