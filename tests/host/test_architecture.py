@@ -22,7 +22,8 @@ __init__
 api info progress terminal compare
 farm
 renderer tracer
-adaptive passes doctor checkpoint
+aov result
+adaptive passes doctor checkpoint primitives
 device pack scene_io partial
 pack_lights tree scene_json camera rays
 mesh_io studio
@@ -30,7 +31,7 @@ gltf_mesh
 gltf
 gltf_schema
 features geometry bvh image_io schema_errors scene_hash
-scene_camera schema sah procedural mesh_data mesh_obj
+scene_camera schema sah procedural mesh_data mesh_obj image_file
 schema_camera
 scene layout settings files toolchain schema_types exr_state film signals image_tools
 errors

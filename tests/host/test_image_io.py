@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from pyrt import image_io
+from pyrt import image_file, image_io
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.image_io import check_output, linear_to_srgb, read_texture, srgb_to_linear, write_image
 
@@ -181,7 +181,7 @@ def test_bytes_are_reproducible(
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     contents = []
     for time in (1e9, 2e9):
-        monkeypatch.setattr(image_io.time, "time", lambda now=time: now)
+        monkeypatch.setattr(image_file.time, "time", lambda now=time: now)
         write_image(tmp_path / name, picture)
         contents.append((tmp_path / name).read_bytes())
     assert contents[0] == contents[1]
@@ -201,7 +201,7 @@ def test_a_failed_write_leaves_the_old_file(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(image_io, "_write", fail)
+        patch.setattr(image_io, "write_file", fail)
         with pytest.raises(PyrtError, match=r"a\.png: cannot be written: no space left on device$"):
             write_image(path, picture)
     assert path.read_bytes() == b"old"
