@@ -20,7 +20,8 @@ from pyrt.errors import SceneError, UsageError
 from pyrt.files import check_file
 from pyrt.geometry import COORDINATE_LIMIT, valid_triangles
 from pyrt.image_io import read_texture
-from pyrt.mesh_io import MeshData, load_mesh, transformed
+from pyrt.mesh_data import MeshData, transformed
+from pyrt.mesh_io import load_mesh
 from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.schema_errors import json_path, quote, suggestion, validate

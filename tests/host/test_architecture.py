@@ -25,7 +25,7 @@ renderer tracer
 aov result
 adaptive passes doctor checkpoint primitives
 device pack scene_io partial
-pack_lights tree scene_json camera rays
+pack_lights tree scene_json camera rays hit_lists
 mesh_io studio
 gltf_mesh
 gltf

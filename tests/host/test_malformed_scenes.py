@@ -418,6 +418,7 @@ def png_header(width: int, height: int) -> bytes:
 
 
 V = b"v 0 0 0\nv 1 0 0\nv 1 1 0\n"
+GLTF = b'{"asset": {"version": "2.0"}%b}'
 
 
 @pytest.mark.parametrize(
@@ -439,9 +440,10 @@ V = b"v 0 0 0\nv 1 0 0\nv 1 1 0\n"
         ("a.ply", b"", "not a readable PLY mesh: "),
         ("a.stl", bytes(84), "the mesh has no triangle"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "not a readable OFF mesh: "),
-        ("a.glb", b"glTF", "not a readable GLB mesh: "),
-        ("a.gltf", b"{}", "the mesh has no triangle"),
-        ("a.gltf", b'{"extensionsRequired": ["KHR_draco_mesh_compression"]}', "it needs the glTF extension KHR_draco"),
+        ("a.glb", b"glTF", "it has no glTF header"),
+        ("a.gltf", b"{}", 'missing key "asset"'),
+        ("a.gltf", GLTF % b"", "the mesh has no triangle"),
+        ("a.gltf", GLTF % b', "extensionsRequired": ["KHR_draco_x"]', 'it needs the glTF extension "KHR_draco_x"'),
         ("a.txt", b"", "expected a mesh file ending in .obj, .ply, .stl, .off, .glb, .gltf"),
         ("a.png", b"hello", "not a readable image: Not a PNG file"),
         ("a.exr", b"", "not a readable image: "),

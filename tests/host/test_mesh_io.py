@@ -15,7 +15,8 @@ import pytest
 import trimesh
 
 from pyrt.errors import SceneError
-from pyrt.mesh_io import MeshData, load_mesh, transformed
+from pyrt.mesh_data import MeshData, transformed
+from pyrt.mesh_io import load_mesh
 from pyrt.procedural import icosphere, noise, vertex_normals
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -194,7 +195,7 @@ def test_gltf_texture_coordinates_and_node_transforms(tmp_path: Path) -> None:
 
 
 def test_gltf_names_what_it_does_not_use(tmp_path: Path) -> None:
-    path = gltf(tmp_path, materials=[{}], cameras=[{}], extensionsUsed=["KHR_lights_punctual"])
+    path = gltf(tmp_path, materials=[{}], cameras=[{"type": "orthographic"}], extensionsUsed=["KHR_lights_punctual"])
     assert load_mesh(path).warnings == (f"{path}: its materials and cameras and lights are not used",)
 
 
