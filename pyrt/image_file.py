@@ -6,29 +6,19 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.exr_state import StatePart, state_spec, write_state
+from pyrt.settings import Window
 
 MAX_HALF = 65504.0
 _MAX_ID = 1 << 23  # OpenImageIO converts through float32: up to here, and 0xffffffff, whole numbers stay what they are
 _ROWS = 64  # written at a time, which bounds memory; EXR compresses 16 together
 
 Attribute = str | int | float | NDArray[np.float64]  # an array: a 4×4 matrix
-
-
-class Window(NamedTuple):
-    """Pixels x0 … x1 − 1, y0 … y1 − 1 of a picture of width × height."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-    width: int
-    height: int
 
 
 def write_exr(

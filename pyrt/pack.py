@@ -162,14 +162,14 @@ def _pack_corners(scene: Scene, triangles: Triangles) -> tuple[NDArray[Any], NDA
             continue
         mine = np.flatnonzero(triangles.shape == i)
         index[mine] = count + np.arange(len(mine), dtype=np.int32)
-        parts.append(_shape_corners(shape, triangles, mine))
+        parts.append(shape_corners(shape, triangles.source[mine]))
         count += len(mine)
     return np.concatenate(parts), index
 
 
-def _shape_corners(shape: Shape, triangles: Triangles, mine: NDArray[np.intp]) -> NDArray[Any]:
-    out = np.zeros(len(mine), dtypes()["Corners"])
-    source = triangles.source[mine]
+def shape_corners(shape: Shape, source: NDArray[np.int32]) -> NDArray[Any]:
+    """Corners (k,) of a mesh's or rectangle's triangles, by their index in the shape; normals are 0 where it is flat."""
+    out = np.zeros(len(source), dtypes()["Corners"])
     if isinstance(shape, Rectangle):
         out["uv"] = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], np.float32)[source]
         return out

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,49 +14,26 @@ from numpy.typing import NDArray
 
 from pyrt import __version__, film
 from pyrt.adaptive import FIRST_SAMPLES, Refined, refine
+from pyrt.aov import GUIDES, AovTracer, check_aovs
+from pyrt.camera import film_plane
 from pyrt.checkpoint import accumulate, begin, open_checkpoint
+from pyrt.denoise import denoised, require_denoiser
+from pyrt.device import Device
 from pyrt.doctor import open_device
-from pyrt.errors import UsageError
 from pyrt.features import build_options, feature_table
+from pyrt.geometry import Triangles, gather_triangles
 from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
-from pyrt.partial import Partial, Work, kernels_hash, state_part
+from pyrt.partial import Partial, Work, kernels_hash
 from pyrt.passes import PASS_SAMPLES, SampleTracer, Scratch, Tally, tile_order, tiled_pixels
+from pyrt.result import Beside, Result
 from pyrt.scene import Scene
 from pyrt.scene_hash import scene_hash
+from pyrt.settings import Window, check_arguments, check_keeping, crop_window
 
-MAX_PIXELS = 1 << 28
 MAX_SAMPLES = 1 << 16  # of a pixel, where noise or time is the limit and spp is not given
 
 Progress = Callable[[dict[str, Any]], Any]
-
-
-@dataclass(frozen=True)
-class Result:
-    """A rendered picture.
-
-    Attributes:
-        image: (height, width, 3) float32, linear Rec.709 radiance, row 0 at the top.
-        variance: (height, width, 3) float32, estimated variance of each pixel's mean (an upper estimate, as the samples
-            are stratified).
-        samples: (height, width) uint32, samples that each pixel's mean holds.
-        stats: seconds per stage, rays traced and skipped, the device, the features compiled in, and with a noise target
-            or a time limit the estimated relative error that was reached.
-        partial: the film, if the render had a checkpoint or a range of samples. EXR files hold it too then.
-    """
-
-    image: NDArray[np.float32]
-    variance: NDArray[np.float32]
-    samples: NDArray[np.uint32]
-    stats: dict[str, Any] = field(default_factory=dict)
-    partial: Partial | None = None
-
-    def save(self, path: str | Path, *, exposure: float = 0.0) -> tuple[str, ...]:
-        """Writes the picture; the format follows from the extension. Returns warnings (see `image_io.write_image`)."""
-        from pyrt.image_io import write_image
-
-        state = state_part(self.partial) if self.partial is not None else None
-        return write_image(path, self.image, exposure=exposure, state=state)
 
 
 @dataclass
@@ -88,7 +66,7 @@ class Renderer:
 
     Args:
         scene: what to render.
-        device: index or part of the name of an OpenCL device; None chooses.
+        device: index or part of the name of an OpenCL device; None chooses. Or an open one.
         all_features: compile every feature in, needed or not (the image is the same).
         beams: look ahead what the rays of neighbouring pixels can hit (the image is the same).
     """
@@ -96,7 +74,7 @@ class Renderer:
     def __init__(
         self,
         scene: Scene,
-        device: str | int | None = None,
+        device: str | int | Device | None = None,
         *,
         all_features: bool = False,
         beams: bool = True,
@@ -113,9 +91,10 @@ class Renderer:
         self._seconds["build"] = perf_counter() - start
         self._progress({"stage": "compile", "done": 0.0})
         start = perf_counter()
-        self._device = open_device(device)
+        self._device = device if isinstance(device, Device) else open_device(device)
         self._beams = beams
-        options = [*build_options(self._features, everything=all_features), f"-DHAS_BEAMS={int(beams)}", *build_flags]
+        shape = [f"-DHAS_BEAMS={int(beams)}", f"-DPACKET={self._device.packet}"]
+        options = [*build_options(self._features, everything=all_features), *shape, *build_flags]
         self._kernels = self._device.build("render.cl", options)
         self._seconds["compile"] = perf_counter() - start
         start = perf_counter()
@@ -135,6 +114,9 @@ class Renderer:
         checkpoint: str | Path | None = None,
         checkpoint_every: float = 60.0,
         resume: bool = False,
+        crop: tuple[int, int, int, int] | None = None,
+        aovs: Iterable[str] = (),
+        denoise: bool = False,
         pass_samples: int = PASS_SAMPLES,
         progress: Progress | None = None,
     ) -> Result:
@@ -153,6 +135,10 @@ class Renderer:
                 0: as often as possible.
             resume: go on from the checkpoint, if there is one. The picture has the same bits as if it was rendered in
                 one go. `spp` may have grown; None takes what the render was to reach.
+            crop: (x0, y0, x1, y1): only the pixels x0 … x1 − 1, y0 … y1 − 1. Unless noise or time is the limit, they
+                have the bits that they have in the whole picture.
+            aovs: names of `aov.AOVS`, what to compute beside the picture.
+            denoise: compute `Result.denoised`; needs the package pyoidn.
             pass_samples: samples of one pass, which bounds memory; no influence on the image.
             progress: called with a dict after every pass; the render stops, with what it has, if that returns False.
 
@@ -164,13 +150,17 @@ class Renderer:
         adaptive = noise is not None or time_limit is not None
         extend = spp is not None or samples is not None
         spp = spp if spp is not None else MAX_SAMPLES if adaptive else self.scene.spp
-        _check_arguments(spp, seed, width, height, pass_samples, noise, time_limit)
-        pixels = tiled_pixels(width, height)
+        check_arguments(spp, seed, width, height, pass_samples, noise, time_limit)
+        names, window = check_aovs(aovs), crop_window(crop, width, height)
+        if denoise:
+            require_denoiser()
+        shape = (window.y1 - window.y0, window.x1 - window.x0)
+        pixels = tiled_pixels(*shape[::-1]) + np.uint32(window.x0 | window.y0 << 16)
         start = None
         if checkpoint is not None or samples is not None:
-            _check_keeping(checkpoint, checkpoint_every, samples, adaptive)
-            place = (pixels >> 16).astype(np.intp) * width + (pixels & 0xFFFF)
-            start = begin(self._work(seed, width, height), *(samples or (0, spp)), place)
+            check_keeping(checkpoint, checkpoint_every, samples, adaptive, crop)
+            order = tile_order(width, height)
+            start = begin(self._work(seed, width, height), *(samples or (0, spp)), order)
             if checkpoint is not None:
                 start = open_checkpoint(checkpoint, start, resume, extend)
         watch = _Watch(
@@ -181,11 +171,14 @@ class Renderer:
             deadline=perf_counter() + (time_limit if time_limit is not None else np.inf),
             at_least=len(pixels) * min(spp, FIRST_SAMPLES),
         )
+        parameters = self._device.upload("parameters", self._scene_params(width, height))
+        channels = self._aovs((*names, *GUIDES) if denoise else names, window, seed, parameters)
+        beside = Beside(self.scene, seed, window, {name: channels.get(name) for name in names})
         tracer = SampleTracer(
             device=self._device,
             kernels=self._kernels,
             buffers=self._buffers,
-            parameters=self._device.upload("parameters", self._scene_params(width, height)),
+            parameters=parameters,
             beam_bytes=self._beam_bytes(),
             scratch=self._scratch,
             seed=seed,
@@ -194,12 +187,16 @@ class Renderer:
             after_pass=watch.after_pass,
         )
         if start is not None:
-            return self._render_rounds(tracer, pixels, start, checkpoint, checkpoint_every, watch)
-        if adaptive:
-            refined = refine(tracer.trace, pixels, noise or 0.0, spp)
+            result = self._render_rounds(tracer, pixels, start, checkpoint, checkpoint_every, watch, beside)
         else:
-            refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
-        return self._result(refined, width, height, watch.tally)
+            if adaptive:
+                refined = refine(tracer.trace, pixels, noise or 0.0, spp)
+            else:
+                refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
+            result = beside.added_to(self._result(refined, shape, watch.tally))
+        if not denoise:
+            return result
+        return replace(result, denoised=denoised(result.image, *(channels[name] for name in GUIDES)))
 
     def _render_rounds(
         self,
@@ -209,17 +206,35 @@ class Renderer:
         checkpoint: str | Path | None,
         every: float,
         watch: _Watch,
+        beside: Beside,
     ) -> Result:
         def result(partial: Partial) -> Result:
-            whole, work = partial.film, partial.work
-            refined = Refined(whole.totals(), whole.count, None, whole.dropped)
-            return replace(self._result(refined, work.width, work.height, watch.tally), partial=partial)
+            return beside.added_to(partial_result(partial, self._stats(watch.tally)))
 
         def save(partial: Partial) -> None:
             if checkpoint is not None:
                 result(partial).save(checkpoint)
 
         return result(accumulate(tracer.trace, pixels, start, save, every, watch.going))
+
+    @cached_property
+    def _aov_kernels(self) -> dict[str, Any]:
+        return self._device.build("aov.cl", build_options(self._features))
+
+    @cached_property
+    def _triangles(self) -> Triangles:
+        return gather_triangles(self.scene)
+
+    def _aovs(self, names: Iterable[str], window: Window, seed: int, parameters: Any) -> dict[str, NDArray[Any]]:
+        """Those that do not come with the samples, by name."""
+        wanted = [name for name in names if name not in ("variance", "samples")]
+        if not wanted:
+            return {}
+        plane = film_plane(self.scene.camera, window.width, window.height)
+        tracer = AovTracer(
+            self._device, self._aov_kernels, self._buffers, parameters, self.scene, self._triangles, plane, seed
+        )
+        return tracer.trace(wanted, window)
 
     def _work(self, seed: int, width: int, height: int) -> Work:
         return Work(scene_hash(self.scene), width, height, seed, str(self._device.info), __version__, kernels_hash())
@@ -234,10 +249,10 @@ class Renderer:
         params["camera"] = pack_camera(self._packed, self.scene.camera, width, height)
         return params
 
-    def _result(self, refined: Refined, width: int, height: int, tally: Tally) -> Result:
+    def _result(self, refined: Refined, shape: tuple[int, int], tally: Tally) -> Result:
         stats = {**self._stats(tally), "noise": refined.noise}
         stats["dropped"]["samples"] = refined.dropped
-        return Result(*film.picture(refined.sums, refined.count, tile_order(width, height), (height, width)), stats)
+        return Result(*film.picture(refined.sums, refined.count, tile_order(*shape[::-1]), shape), stats)
 
     def _stats(self, tally: Tally) -> dict[str, Any]:
         specular, shadow, dark, clear = (int(n) for n in tally.counts)
@@ -253,6 +268,14 @@ class Renderer:
         }
 
 
+def partial_result(partial: Partial, stats: dict[str, Any] | None = None) -> Result:
+    """The picture of a film."""
+    whole, shape = partial.film, (partial.work.height, partial.work.width)
+    stats = {**(stats or {}), "noise": None}
+    stats["dropped"] = {**stats.get("dropped", {}), "samples": whole.dropped}
+    return Result(*film.picture(whole.totals(), whole.count, partial.order, shape), stats, partial)
+
+
 def _whole_pixels(whole: film.Film, complete: int) -> Refined:
     """The film's sums, without the pixels that a stop left incomplete."""
     if complete == len(whole.count):
@@ -260,35 +283,3 @@ def _whole_pixels(whole: film.Film, complete: int) -> Refined:
     sums, count = np.zeros((2, 3, len(whole.count))), np.zeros_like(whole.count)
     sums[:, :, :complete], count[:complete] = whole.totals()[:, :, :complete], whole.count[:complete]
     return Refined(sums, count, None, whole.dropped)
-
-
-def _check_keeping(
-    checkpoint: str | Path | None, every: float, samples: tuple[int, int] | None, adaptive: bool
-) -> None:
-    if adaptive:
-        raise UsageError("checkpoint, samples: expected a fixed number of samples, not a noise target or time limit")
-    if samples is not None and not 0 <= samples[0] < samples[1] <= 2**30:
-        raise UsageError(f"samples: expected 0 <= first < end <= 2^30, got {samples[0]}:{samples[1]}")
-    if not 0 <= every < np.inf:
-        raise UsageError(f"checkpoint_every: expected a number of seconds >= 0, got {every!r}")
-    if checkpoint is not None and Path(checkpoint).suffix.lower() != ".exr":
-        raise UsageError(f"{checkpoint}: expected a name ending in .exr, the format that can hold a checkpoint")
-
-
-def _check_arguments(
-    spp: int, seed: int, width: int, height: int, pass_samples: int, noise: float | None, time_limit: float | None
-) -> None:
-    for name, value, low, high in (
-        ("spp", spp, 1, 2**30),
-        ("seed", seed, 0, 2**32 - 1),
-        ("width", width, 1, 65536),
-        ("height", height, 1, 65536),
-        ("pass_samples", pass_samples, 1, 2**28),
-    ):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-            raise UsageError(f"{name}: expected a whole number from {low} to {high}, got {value!r}")
-    if width * height > MAX_PIXELS:
-        raise UsageError(f"size: expected at most 2^28 pixels in all, got {width} x {height}")
-    for name, limit in (("noise", noise), ("time_limit", time_limit)):
-        if limit is not None and not 0 < limit < np.inf:
-            raise UsageError(f"{name}: expected a number > 0, got {limit!r}")

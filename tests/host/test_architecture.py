@@ -21,8 +21,10 @@ cli_options
 __init__
 api info progress terminal compare
 farm
+intersector
 renderer tracer
-aov result
+result
+aov
 adaptive passes doctor checkpoint primitives
 device pack scene_io partial
 pack_lights tree scene_json camera rays hit_lists
@@ -33,11 +35,11 @@ gltf_schema
 features geometry bvh image_io schema_errors scene_hash
 scene_camera schema sah procedural mesh_data mesh_obj image_file
 schema_camera
-scene layout settings files toolchain schema_types exr_state film signals image_tools
+scene layout settings files toolchain schema_types exr_state film signals image_tools denoise
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}
-ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io image_tools image_file exr_state", "trimesh": "mesh_io"}
+ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io image_tools image_file exr_state", "pyoidn": "denoise", "trimesh": "mesh_io intersector"}
 HEAVY = {*ONLY_IN, "numpy", "pydantic", "rich", "scipy"}
 
 

@@ -1,0 +1,40 @@
+"""Removing noise by Intel's Open Image Denoise, from the extra package pyoidn."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.errors import PyrtError, UsageError
+
+Image = NDArray[np.float32]
+
+
+def require_denoiser() -> None:
+    """Raises UsageError, one sentence with the command that helps, if pyoidn is not installed."""
+    if find_spec("pyoidn") is None:
+        raise UsageError("denoise: expected the package pyoidn, which is not installed; run: pip install pyoidn")
+
+
+def denoised(image: Image, albedo: Image | None = None, normal: Image | None = None) -> Image:
+    """The linear picture (height, width, 3) without noise.
+
+    Args:
+        albedo: (height, width, 3), and normal: (height, width, 3): what each pixel shows, averaged over it, without
+            noise of their own. They keep textures and edges sharp.
+
+    Raises:
+        UsageError: pyoidn is not installed.
+        PyrtError: Open Image Denoise failed.
+    """
+    require_denoiser()
+    try:
+        import pyoidn
+
+        guides = {} if albedo is None or normal is None else {"albedo": np.clip(albedo, 0.0, 1.0), "normal": normal}
+        out = pyoidn.denoise(np.ascontiguousarray(image, np.float32), **guides, hdr=True, clean_aux=bool(guides))
+    except (OSError, RuntimeError) as error:  # its library does not load, or refuses
+        raise PyrtError(f"Open Image Denoise failed: {error}") from error
+    return np.asarray(out, np.float32)

@@ -1,0 +1,120 @@
+"""A rendered picture, and the files that it becomes."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt import __version__
+from pyrt.aov import exr_planes
+from pyrt.camera import film_plane, world_to_camera, world_to_ndc
+from pyrt.image_file import Attribute
+from pyrt.partial import Partial, state_part
+from pyrt.scene import Scene
+from pyrt.scene_hash import scene_hash
+from pyrt.settings import Window
+
+
+@dataclass(frozen=True)
+class Result:
+    """A rendered picture.
+
+    Attributes:
+        image: (height, width, 3) float32, linear Rec.709 radiance, row 0 at the top.
+        variance: (height, width, 3) float32, estimated variance of each pixel's mean (an upper estimate, as the samples
+            are stratified).
+        samples: (height, width) uint32, samples that each pixel's mean holds.
+        stats: seconds per stage, rays traced and skipped, the device, the features compiled in, and with a noise target
+            or a time limit the estimated relative error that was reached.
+        partial: the film, if the render had a checkpoint or a range of samples. EXR files hold it too then.
+        aovs: what was asked for beside the picture, by name: (height, width) or (height, width, channels); `aov.AOVS`
+            tells what each holds, and its dtype. EXR files hold them too.
+        denoised: (height, width, 3) float32, the denoised image, if that was asked for. EXR files hold both; other
+            formats this one.
+        window: the picture's pixels, of which picture.
+        metadata: what EXR files say about the picture, by attribute. With SOURCE_DATE_EPOCH set, its seconds are left
+            out, so that equal pictures have equal bytes.
+    """
+
+    image: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    samples: NDArray[np.uint32]
+    stats: dict[str, Any] = field(default_factory=dict)
+    partial: Partial | None = None
+    aovs: dict[str, NDArray[Any]] = field(default_factory=dict)
+    denoised: NDArray[np.float32] | None = None
+    window: Window | None = None
+    metadata: dict[str, Attribute] = field(default_factory=dict)
+
+    def save(
+        self, path: str | Path, *, exposure: float = 0.0, view: str | None = None, half: bool = True
+    ) -> tuple[str, ...]:
+        """Writes the picture; the format follows from the extension. Returns warnings (see `image_io.write_image`).
+
+        Args:
+            exposure: PNG and JPEG are brightened by 2^exposure.
+            view: how PNG and JPEG show what is brighter than white: None clips, "aces" is a film-like tone curve.
+            half: 16 bits for the colours of EXR files; else 32.
+        """
+        from pyrt.image_io import write_image
+
+        exr = Path(path).suffix.lower() == ".exr"
+        planes = exr_planes(self.aovs)
+        if self.denoised is not None:
+            planes |= {f"denoised.{c}": self.denoised[..., i] for i, c in enumerate("RGB")}
+        return write_image(
+            path,
+            self.image if exr or self.denoised is None else self.denoised,
+            exposure=exposure,
+            view=view,
+            metadata=self.metadata,
+            planes=planes,
+            half=half,
+            window=self.window,
+            state=state_part(self.partial) if self.partial is not None else None,
+        )
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What a picture comes with, beside its samples.
+
+    Attributes:
+        window: its pixels.
+        aovs: those that were asked for, by name; None for variance and samples.
+    """
+
+    scene: Scene
+    seed: int
+    window: Window
+    aovs: dict[str, NDArray[Any] | None]
+
+    def added_to(self, result: Result) -> Result:
+        """The result with that."""
+        sampled = {"variance": result.variance, "samples": result.samples}
+        aovs = {name: sampled[name] if array is None else array for name, array in self.aovs.items()}
+        return replace(result, aovs=aovs, window=self.window, metadata=self._metadata(result))
+
+    def _metadata(self, result: Result) -> dict[str, Attribute]:
+        size, partial = (self.window.width, self.window.height), result.partial
+        plane = film_plane(self.scene.camera, *size)
+        out: dict[str, Attribute] = {
+            "Software": f"pyrt {__version__}",
+            "pyrt:scene": self.scene.name,
+            "pyrt:scene_hash": scene_hash(self.scene),
+            "pyrt:seed": self.seed,
+            "pyrt:first_sample": 0 if partial is None else partial.first,
+            "pyrt:spp": int(result.samples.max()),
+            "pyrt:device": result.stats["device"],
+            "worldToCamera": world_to_camera(plane),
+            "worldToNDC": world_to_ndc(plane, *size),
+            "PixelAspectRatio": 1.0,
+        }
+        if "SOURCE_DATE_EPOCH" not in os.environ:
+            out["pyrt:seconds"] = float(sum(result.stats["seconds"].values()))
+        return out
