@@ -16,15 +16,19 @@ from pyrt.film import Film
 from pyrt.image_io import check_output
 from pyrt.partial import Partial, Work, read_partial
 
-_ROUND_SECONDS = 1.0  # what a stop can lose
+# Each round costs a look ahead with beams, and a stop loses the current one. Rounds begin with about so many samples,
+# and double while they take less than a second, or than an eighth of the render so far and of the time between writes.
+_FIRST_ROUND = 1 << 20
+_ROUND_SECONDS = 1.0
+_ROUNDS = 8
 _SHARE = 20  # so many times what writing took passes before the next write, or more
 
 Trace = Callable[[NDArray[np.uint32], int, int], tuple[Film, int]]
 
 
-def begin(work: Work, first: int, end: int, place: NDArray[np.intp]) -> Partial:
-    """A render of the samples first … end − 1 that has none yet. For `place` see `Partial`."""
-    return Partial(work, first, first, end, Film.empty(len(place)), place)
+def begin(work: Work, first: int, end: int, order: NDArray[np.intp]) -> Partial:
+    """A render of the samples first … end − 1 that has none yet. For `order` see `Partial`."""
+    return Partial(work, first, first, end, Film.empty(len(order)), order)
 
 
 def open_checkpoint(path: str | os.PathLike[str], start: Partial, resume: bool, extend: bool) -> Partial:
@@ -38,7 +42,7 @@ def open_checkpoint(path: str | os.PathLike[str], start: Partial, resume: bool, 
     remove_leftovers(path)
     if not resume or not os.path.exists(path):
         return start
-    partial = read_partial(path, start.work, start.place)
+    partial = read_partial(path, start.work, start.order)
     if partial.first != start.first:
         raise UsageError(f"{path}: its samples begin with {partial.first}, expected {start.first}")
     if not extend:
@@ -62,7 +66,9 @@ def accumulate(
     `save` gets what there is after `every` seconds or more, so that it takes at most a twentieth of the time (0: after
     every round), and at the end, whatever ends it: an exception too, which then goes on.
     """
-    saved, last_save, cost, step = partial.end, perf_counter(), 0.0, 1
+    step = 1 << (_FIRST_ROUND // len(pixels) | 1).bit_length() - 1
+    begun = last_save = perf_counter()
+    saved, cost = partial.end, 0.0
     try:
         while partial.end < partial.spp and going():
             start = perf_counter()
@@ -72,7 +78,8 @@ def accumulate(
                 break
             partial = replace(partial, film=partial.film.merge(film), end=partial.end + samples)
             now = perf_counter()
-            step *= 1 + (now - start < _ROUND_SECONDS)
+            if now - start < max(_ROUND_SECONDS, min(every, now - begun) / _ROUNDS):
+                step *= 2
             if partial.end < partial.spp and now - last_save >= (every and max(every, _SHARE * cost)):
                 save(partial)
                 last_save = perf_counter()

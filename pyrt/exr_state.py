@@ -60,8 +60,8 @@ def read_state(path: str | os.PathLike[str]) -> tuple[str, int, int, Callable[[i
         raise UsageError(f"{path}: expected a file that pyrt wrote with --checkpoint or --samples, found none")
     file = oiio.ImageInput.open(os.fspath(path))
     header = file.spec().getattribute(_STATE) if file is not None and file.seek_subimage(1, 0) else None
-    if not isinstance(header, str):
-        oiio.geterror()
+    if file is None or not isinstance(header, str):
+        oiio.geterror()  # else it is printed at the end
         raise UsageError(f"{path}: expected a file that pyrt wrote with --checkpoint or --samples")
     spec = file.spec()
     if 4 * spec.width * spec.height > os.path.getsize(path):

@@ -11,9 +11,8 @@ from __future__ import annotations
 import hashlib
 import os
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from functools import reduce
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -51,7 +50,7 @@ class Partial:
 
     Attributes:
         spp: the sample at which the render is complete.
-        place: (pixels,) where the film's pixels lie in the picture: column + width · row.
+        order: (pixels,) where each pixel of the picture, row by row, stands in the film.
     """
 
     work: Work
@@ -59,7 +58,7 @@ class Partial:
     end: int
     spp: int
     film: Film
-    place: NDArray[np.intp]
+    order: NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -86,27 +85,27 @@ def require_same(path: str | os.PathLike[str], found: Work, expected: Work) -> N
             raise UsageError(f"{path}: its samples are of another {name} ({value}), expected {wanted[name]}")
 
 
-def merge(partials: Sequence[Partial], names: Sequence[str | os.PathLike[str]]) -> Partial:
-    """One film of all the samples: of the same work and order of pixels, in ranges that follow each other.
-
-    `names` are for messages.
+def merge_order(parts: Mapping[str, tuple[Work, int, int]]) -> list[str]:
+    """The names of parts, each a range first … end − 1 of samples of some work, in the order of their samples.
 
     Raises:
         UsageError: they are of different work, ranges overlap, or samples between them are missing.
     """
-    order = sorted(range(len(partials)), key=lambda i: (partials[i].first, partials[i].end))
-    for before, after in pairwise(order):
-        a, b = partials[before], partials[after]
-        require_same(names[after], b.work, a.work)
-        if a.end != b.first:
-            what = "overlap" if a.end > b.first else "leave a gap"
+    names = sorted(parts, key=lambda name: parts[name][1:])
+    for a, b in pairwise(names):
+        (work, first, end), (other, begin, last) = parts[a], parts[b]
+        require_same(b, other, work)
+        if end != begin:
             raise UsageError(
-                f"{names[before]} and {names[after]} {what}: they hold the samples {a.first}:{a.end} and "
-                f"{b.first}:{b.end}, expected ranges that follow each other"
+                f"{a} and {b} {'overlap' if end > begin else 'leave a gap'}: they hold the samples {first}:{end} and "
+                f"{begin}:{last}, expected ranges that follow each other"
             )
-    first, *_, last = (partials[i] for i in order)
-    film = reduce(Film.merge, (partials[i].film for i in order))
-    return Partial(first.work, first.first, last.end, last.end, film, first.place)
+    return names
+
+
+def merge(a: Partial, b: Partial) -> Partial:
+    """One film of both: b's samples follow a's, and both are of the same work and order of pixels."""
+    return replace(a, end=b.end, spp=max(a.spp, b.spp), film=a.film.merge(b.film))
 
 
 def state_part(partial: Partial) -> StatePart:
@@ -124,13 +123,10 @@ def _blocks(partial: Partial, header: bytes) -> Iterator[NDArray[np.uint32]]:
     width, height = partial.work.width, partial.work.height
     check = zlib.crc32(header)
     for plane in _planes(partial):
-        picture = np.zeros(width * height)
-        picture[partial.place] = plane
+        picture = plane[partial.order]
         check = zlib.crc32(picture.data, check)
         yield picture.view(np.uint32).reshape(height, 2 * width)
-    last = np.zeros((1, 2 * width), np.uint32)
-    last[0, 0] = check
-    yield last
+    yield np.full((1, 2 * width), check, np.uint32)
 
 
 def _planes(partial: Partial) -> Iterator[Plane]:
@@ -140,15 +136,41 @@ def _planes(partial: Partial) -> Iterator[Plane]:
         yield from nodes[key].reshape(6, -1)
 
 
+def read_header(path: str | os.PathLike[str]) -> tuple[Work, int, int]:
+    """What a file's samples are of, the first of them, and the one after the last. Raises as `read_partial`."""
+    header, _ = _open(path)
+    return header.work, *header.samples
+
+
 def read_partial(
-    path: str | os.PathLike[str], expected: Work | None = None, place: NDArray[np.intp] | None = None
+    path: str | os.PathLike[str], expected: Work | None = None, order: NDArray[np.intp] | None = None
 ) -> Partial:
-    """Reads what `state_part` stored; the film gets its pixels in the order of `place`, by default row by row.
+    """Reads what `state_part` stored; by default the film has its pixels row by row.
 
     Raises:
         UsageError: the file is not readable, not of this kind, damaged, of another version of the format, or not of the
             `expected` work.
     """
+    header, planes = _open(path)
+    work, (first, end) = header.work, header.samples
+    if expected is not None:
+        require_same(path, work, expected)
+    order = np.arange(work.width * work.height) if order is None else order
+    count, nodes = np.empty(len(order), np.uint32), {}
+    try:
+        count[order] = next(planes)
+        for key in node_keys(first, end - first):
+            nodes[key] = np.empty((2, 3, len(order)))
+            for sums in nodes[key].reshape(6, -1):
+                sums[order] = next(planes)
+        next(planes, None)
+    except OSError as error:
+        raise UsageError(f"{path}: damaged: {error}") from None
+    film = Film(count, {0: nodes}, (end - first) * len(count) - int(count.sum()))
+    return Partial(work, first, end, header.spp, film, order)
+
+
+def _open(path: str | os.PathLike[str]) -> tuple[_Header, Iterator[Plane]]:
     text, rows, row_words, read = read_state(path)
     try:
         header = TypeAdapter(_Header).validate_json(text)
@@ -159,22 +181,7 @@ def read_partial(
     work, (first, end) = header.work, header.samples
     if not first < end or (rows, row_words) != (_rows(first, end, work.height), 2 * work.width):
         raise UsageError(f"{path}: damaged: its size does not fit its header")
-    if expected is not None:
-        require_same(path, work, expected)
-    place = np.arange(work.width * work.height) if place is None else place
-    planes = _read_planes(read, rows, work.height, zlib.crc32(text.encode()))
-    try:
-        count = next(planes)[place].astype(np.uint32)
-        nodes = {}
-        for key in node_keys(first, end - first):
-            nodes[key] = np.empty((2, 3, len(place)))
-            for sums in nodes[key].reshape(6, -1):
-                sums[:] = next(planes)[place]
-        next(planes, None)
-    except OSError as error:
-        raise UsageError(f"{path}: damaged: {error}") from None
-    film = Film(count, {0: nodes}, (end - first) * len(count) - int(count.sum()))
-    return Partial(work, first, end, header.spp, film, place)
+    return header, _read_planes(read, rows, work.height, zlib.crc32(text.encode()))
 
 
 def _read_planes(read: Callable[[int, int], NDArray[np.uint32]], rows: int, height: int, check: int) -> Iterator[Plane]:
@@ -183,5 +190,5 @@ def _read_planes(read: Callable[[int, int], NDArray[np.uint32]], rows: int, heig
         plane = read(row, row + height)
         check = zlib.crc32(plane.data, check)
         yield plane.reshape(-1).view(np.float64)
-    if read(rows - 1, rows)[0, 0] != check:
+    if (read(rows - 1, rows) != check).any():
         raise OSError("its check sum is wrong")

@@ -1,0 +1,71 @@
+"""One picture by several processes or machines: each renders a range of its samples, and `merge` adds them exactly."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import reduce
+from itertools import pairwise
+
+from pyrt.errors import UsageError
+from pyrt.partial import Partial, merge_order, read_header, read_partial
+from pyrt.partial import merge as add
+from pyrt.renderer import Renderer, partial_result
+from pyrt.result import Result
+from pyrt.scene_io import Source, load_scene
+
+
+def merge(paths: Sequence[str | os.PathLike[str]]) -> Result:
+    """The picture of all the samples in EXR files that renders with `samples=` or `checkpoint=` wrote, with the same
+    bits as that of one render.
+
+    Raises:
+        UsageError: a file is damaged or of another kind, they are not of one picture on one kind of device, or their
+            samples overlap or leave a gap.
+    """
+    names = [os.fspath(path) for path in paths]
+    if not names or len(set(names)) < len(names):
+        raise UsageError(f"expected different files to merge, got {', '.join(names) or 'none'}")
+    order = merge_order({name: read_header(name) for name in names})
+    return partial_result(reduce(add, (read_partial(name) for name in order)))
+
+
+def render_samples(
+    scene: Source, samples: tuple[int, int], seed: int, size: tuple[int, int] | None, device: str | int | None
+) -> Partial:
+    """The unit of work: the film of some samples of a scene file or dict. It may run in another process, which loads
+    the scene for itself."""
+    partial = Renderer(load_scene(scene), device).render(seed=seed, size=size, samples=samples).partial
+    assert partial is not None
+    return partial
+
+
+def render_parallel(
+    scene: Source,
+    executor: Executor,
+    parts: int,
+    *,
+    spp: int | None = None,
+    seed: int = 0,
+    size: tuple[int, int] | None = None,
+    device: str | int | None = None,
+) -> Result:
+    """Renders a scene file or dict by the workers of any executor, with the same bits as `render`.
+
+    Processes must be spawned, as OpenCL does not survive a fork. Files of the scene must be there for all workers.
+
+    Args:
+        parts: ranges of samples, one for each worker at best.
+
+    Raises:
+        UsageError: `parts` is not from 1 to spp, or the workers' devices are of different kinds.
+    """
+    spp = load_scene(scene).spp if spp is None else spp
+    if not 1 <= parts <= spp:
+        raise UsageError(f"parts: expected a whole number from 1 to {spp}, one sample each, got {parts!r}")
+    ends = [spp * part // parts for part in range(parts + 1)]
+    units = [executor.submit(render_samples, scene, samples, seed, size, device) for samples in pairwise(ends)]
+    partials = {f"part {i}": unit.result() for i, unit in enumerate(units)}
+    order = merge_order({name: (p.work, p.first, p.end) for name, p in partials.items()})
+    return partial_result(reduce(add, (partials[name] for name in order)))
