@@ -12,12 +12,26 @@ INLINE bool bsdf_is_specular(const global Material *material)
            (HAS_DIELECTRIC && material->kind == MATERIAL_DIELECTRIC);
 }
 
-/* Lambert: reflectance / pi, the same for all directions; the cosine is the caller's. */
-INLINE float3 bsdf_diffuse(const Scene *scene, const global Material *material, const Surface *si)
+/* Lambert: reflectance / pi, the same for all directions; the cosine is the caller's. For `lanes`, whose materials are
+ * diffuse; black in the others. */
+INLINE Vec bsdf_diffuse(const Scene *scene, const Surface *si, uint lanes)
 {
-    if (!si->front && !material->twosided)
-        return (float3)(0.0f);
-    return texture_color(scene, material->texture, si->uv) * INV_PI;
+    Vec color = vec_of(0.0f, 0.0f, 0.0f);
+    int first;
+    if (!HAS_TEXTURES && all_same(&si->material, lanes, &first)) {
+        const global Material *material = &scene->materials[first];
+        lanes &= material->twosided ? ALL_LANES : lanes_of(si->front);
+        Vec constant_color = vec_load(scene->textures[material->texture].color0);
+        return select3(mask_of(lanes), scale3(constant_color, (Real)(INV_PI)), color);
+    }
+    uint front = lanes_of(si->front);
+    for (; lanes != 0u; lanes &= lanes - 1u) {
+        int lane = lowest_bit(lanes);
+        const global Material *material = &scene->materials[int_lane(&si->material, lane)];
+        if (material->twosided || (front >> lane & 1u))
+            vec_set(&color, lane, texture_color(scene, material->texture, vec2_lane(&si->uv, lane)) * INV_PI);
+    }
+    return color;
 }
 
 /* Snell's law at an interface with eta = sin(theta_t) / sin(theta_i): cos^2(theta_t) = (eta cos_i)^2 - (eta^2 - 1), negative
@@ -58,7 +72,7 @@ typedef struct {
     float transmission; /* eta^2 for `dielectric`: radiance over the square of the index is what a ray conserves */
 } Specular;
 
-INLINE Specular bsdf_specular(const global Material *material, const Surface *si, float3 d)
+INLINE Specular bsdf_specular(const global Material *material, const LaneSurface *si, float3 d)
 {
     if (material->eta == 1.0f) { /* no interface: the direction stays, bit for bit */
         Specular straight = {d, d, 0.0f, 1.0f};

@@ -10,80 +10,91 @@
 #include "surface.h"
 
 typedef struct {
-    float3 q;          /* where the shadow ray ends: on the light, off its surface by its rounding error */
-    float3 irradiance; /* unoccluded, zero if the light is behind either surface */
-    int first;         /* the primitives that the shadow ray passes through: those that q lies on */
+    Vec q;          /* where the shadow ray ends: on the light, off its surface by its rounding error */
+    Vec irradiance; /* unoccluded, zero if the light is behind either surface */
+    Int first;      /* the primitives that the shadow ray passes through: those that q lies on */
     uint count;
 } LightSample;
 
 INLINE LightSample light_sample_none(const global Light *light)
 {
-    LightSample s = {(float3)(0.0f), (float3)(0.0f), light->first, (uint)light->count};
+    LightSample s = {vec_of(0.0f, 0.0f, 0.0f), vec_of(0.0f, 0.0f, 0.0f), (Int)(light->first), (uint)light->count};
     return s;
 }
 
 /* What arrives: emission * factor, finite but for its overflow. No factor at all where its parts were out of range. */
-INLINE float3 light_irradiance(const global Light *light, float factor)
+INLINE Vec light_irradiance(const global Light *light, Real factor)
 {
-    return factor > 0.0f ? load3(light->emission) * min1(factor, FLT_MAX) : (float3)(0.0f);
+    Real finite = min1(factor, (Real)(FLT_MAX));
+    return scale3(vec_load(light->emission), factor > 0.0f ? finite : 0.0f);
 }
 
 /* Cosine at the receiver; 0 below its horizon, which is bounded by both normals. */
-INLINE float receiver_cosine(const Surface *si, float3 wi)
+INLINE Real receiver_cosine(const Surface *si, Vec wi)
 {
-    return dot3(si->ng, wi) > 0.0f ? max1(dot3(si->n, wi), 0.0f) : 0.0f;
+    return dot3(si->ng, wi) > 0.0f ? max1(dot3(si->n, wi), (Real)(0.0f)) : 0.0f;
 }
 
 INLINE LightSample point_sample(const global Light *light, const Surface *si)
 {
     LightSample s = light_sample_none(light);
-    s.q = load3(light->position);
-    float3 to = s.q - si->p;
-    float inv_r2 = 1.0f / dot3(to, to);
-    s.irradiance = light_irradiance(light, receiver_cosine(si, to * sqrt1(inv_r2)) * inv_r2);
+    s.q = vec_load(light->position);
+    Vec to = sub3(s.q, si->p);
+    Real inv_r2 = 1.0f / dot3(to, to);
+    s.irradiance = light_irradiance(light, receiver_cosine(si, scale3(to, sqrt1(inv_r2))) * inv_r2);
     return s;
 }
 
 /* An area light's differential form factor without the distance-free factors: cos * cos' / r^2 for a patch at `to`. */
-INLINE float patch_factor(const Surface *si, float3 light_n, float3 to)
+INLINE Real patch_factor(const Surface *si, Vec light_n, Vec to)
 {
-    float inv_r2 = 1.0f / dot3(to, to);
-    return receiver_cosine(si, to) * max1(-dot3(light_n, to), 0.0f) * inv_r2 * inv_r2;
+    Real inv_r2 = 1.0f / dot3(to, to);
+    return receiver_cosine(si, to) * max1(-dot3(light_n, to), (Real)(0.0f)) * inv_r2 * inv_r2;
 }
 
 /* Point (u, v) of the unit square with density proportional to the bilinear function of corner weights w: 00, 10, 01, 11.
  * Returns the density in *pdf. (Hart et al., Practical Product Sampling by Fitting and Composing Warps, 2020.) */
-INLINE float2 sample_bilinear(float2 u, float4 w, float *value)
+INLINE Vec2 sample_bilinear(Vec2 u, Vec4 w, Real *value)
 {
-    float v = sample_linear(u.y, w.x + w.y, w.z + w.w);
-    float a = lerp1(w.x, w.z, v), b = lerp1(w.y, w.w, v);
-    float s = sample_linear(u.x, a, b);
+    Real v = sample_linear(u.y, w.x + w.y, w.z + w.w);
+    Real a = lerp1(w.x, w.z, v), b = lerp1(w.y, w.w, v);
+    Real s = sample_linear(u.x, a, b);
     *value = lerp1(a, b, s);
-    return (float2)(s, v);
+    Vec2 st = {s, v};
+    return st;
 }
 
 /* The part of [0, 1] where value + slope * x > 0. */
-INLINE float2 positive_range(float value, float slope)
+INLINE Vec2 positive_range(Real value, Real slope)
 {
-    float zero = -value / slope;
-    return (float2)(slope > 0.0f ? max1(zero, 0.0f) : 0.0f, slope < 0.0f ? min1(zero, 1.0f) : 1.0f);
+    Real zero = -value / slope;
+    Vec2 range = {slope > 0.0f ? max1(zero, (Real)(0.0f)) : 0.0f, slope < 0.0f ? min1(zero, (Real)(1.0f)) : 1.0f};
+    return range;
 }
 
-/* Cuts a rectangle to the smallest one, along its edges, around its part above the receiver's horizon; false if none. */
-INLINE bool rectangle_clip(const Surface *si, float3 *corner, float3 *e1, float3 *e2, float *area)
+/* A rectangle light, or the part of it that each lane samples. */
+typedef struct {
+    Vec corner, e1, e2;
+    Real area; /* 0 if no part is left */
+} Patch;
+
+/* Cuts rectangles to the smallest ones, along their edges, around their parts above the receivers' horizons. */
+INLINE void patch_clip(const Surface *si, Patch *patch)
 {
-    float value = dot3(si->n, *corner - si->p);
-    float slope1 = dot3(si->n, *e1), slope2 = dot3(si->n, *e2);
-    if (value + min1(slope1, 0.0f) + min1(slope2, 0.0f) >= 0.0f)
-        return true;
-    float2 range1 = positive_range(value + max1(slope2, 0.0f), slope1);
-    float2 range2 = positive_range(value + max1(slope1, 0.0f), slope2);
-    float size1 = range1.y - range1.x, size2 = range2.y - range2.x;
-    *corner = madd3(*e2, range2.x, madd3(*e1, range1.x, *corner));
-    *e1 *= size1;
-    *e2 *= size2;
-    *area *= size1 * size2;
-    return size1 > 0.0f && size2 > 0.0f;
+    Real value = dot3(si->n, sub3(patch->corner, si->p));
+    Real slope1 = dot3(si->n, patch->e1), slope2 = dot3(si->n, patch->e2), zero = (Real)(0.0f);
+    Int cut = !(value + min1(slope1, zero) + min1(slope2, zero) >= 0.0f);
+    if (lanes_of(cut) == 0u)
+        return;
+    Vec2 range1 = positive_range(value + max1(slope2, zero), slope1);
+    Vec2 range2 = positive_range(value + max1(slope1, zero), slope2);
+    Real size1 = range1.y - range1.x, size2 = range2.y - range2.x;
+    Vec corner = madd3(patch->e2, range2.x, madd3(patch->e1, range1.x, patch->corner));
+    Int some = (size1 > 0.0f) & (size2 > 0.0f);
+    patch->corner = select3(cut, corner, patch->corner);
+    patch->e1 = select3(cut, scale3(patch->e1, size1), patch->e1);
+    patch->e2 = select3(cut, scale3(patch->e2, size2), patch->e2);
+    patch->area = cut ? (some ? patch->area * (size1 * size2) : 0.0f) : patch->area;
 }
 
 /* A point (s, t) of a rectangle, seen from `height` above its plane with the corner in direction `to`, uniform in solid angle
@@ -122,45 +133,67 @@ INLINE float sample_solid_angle(float3 to, float3 e1, float3 e2, float height, f
     return solid_angle;
 }
 
+/* For those of the lanes that are near: their solid angles, and the points of these in *st. */
+INLINE Real sample_solid_angles(Vec to, const Patch *patch, Real height, Vec2 u, uint lanes, Vec2 *st)
+{
+    Real solid_angle = (Real)(0.0f);
+    for (; lanes != 0u; lanes &= lanes - 1u) {
+        int lane = lowest_bit(lanes);
+        float2 place;
+        float found = sample_solid_angle(vec_lane(&to, lane), vec_lane(&patch->e1, lane), vec_lane(&patch->e2, lane),
+                                         real_lane(&height, lane), vec2_lane(&u, lane), &place);
+        real_set(&solid_angle, lane, found);
+        if (found > 0.0f)
+            vec2_set(st, lane, place);
+    }
+    return solid_angle;
+}
+
+/* Irradiance from a corner in direction `to`, over that from the nearest one if it faced the receiver: 1 / r^4 may overflow. */
+INLINE Real corner_weight(const Surface *si, Vec to, Real nearness)
+{
+    Real cosine = dot3(si->n, to);
+    return cosine > 0.0f ? cosine * nearness * nearness : 0.0f;
+}
+
 /* A point on a rectangle, nearly proportional to what it contributes: the density is the bilinear interpolation of the
  * contributions of the four corners. Where all four are below the receiver's horizon, the whole rectangle is. A surface that
  * is closer than the rectangle is large gets most of its light from a spot that no corner knows of. There the density is
  * that of the solid angle, so that no sample counts for more than a direction can. */
-INLINE LightSample rectangle_sample(const global Light *light, const Surface *si, float2 u)
+INLINE LightSample rectangle_sample(const global Light *light, const Surface *si, Vec2 u)
 {
     LightSample s = light_sample_none(light);
-    float3 n = load3(light->n), e1 = load3(light->edge1), e2 = load3(light->edge2), corner = load3(light->position);
-    float height = dot3(n, si->p - corner);
-    if (!(height > 0.0f))
-        return s;
-    float area = light->area;
-    if (!rectangle_clip(si, &corner, &e1, &e2, &area))
-        return s;
-    float3 to = corner - si->p;
-    float4 x = to.x + (float4)(0.0f, e1.x, e2.x, e1.x + e2.x);
-    float4 y = to.y + (float4)(0.0f, e1.y, e2.y, e1.y + e2.y);
-    float4 z = to.z + (float4)(0.0f, e1.z, e2.z, e1.z + e2.z);
-    float4 r2 = x * x + y * y + z * z + 1e-24f; /* so that no later quotient overflows */
-    float near2 = min1(min1(r2.x, r2.y), min1(r2.z, r2.w));
-    float4 cosine = x * si->n.x + y * si->n.y + z * si->n.z;
-    float4 w = cosine > 0.0f ? cosine * (near2 / r2) * (near2 / r2) : 0.0f; /* relative: 1 / r^4 may overflow */
-    float sum = w.x + w.y + w.z + w.w;
-    if (!(sum > 1e-30f))
+    Vec n = vec_load(light->n);
+    Patch patch = {vec_load(light->position), vec_load(light->edge1), vec_load(light->edge2), (Real)(light->area)};
+    Real height = dot3(n, sub3(si->p, patch.corner));
+    patch_clip(si, &patch);
+    Vec to = sub3(patch.corner, si->p);
+    Real tiny = (Real)(1e-24f); /* so that no later quotient overflows */
+    Vec c10 = add3(to, patch.e1), c01 = add3(to, patch.e2), c11 = add3(to, add3(patch.e1, patch.e2));
+    Vec4 r2 = {dot3(to, to) + tiny, dot3(c10, c10) + tiny, dot3(c01, c01) + tiny, dot3(c11, c11) + tiny};
+    Real near2 = min1(min1(r2.x, r2.y), min1(r2.z, r2.w));
+    Vec4 w = {corner_weight(si, to, near2 / r2.x), corner_weight(si, c10, near2 / r2.y),
+              corner_weight(si, c01, near2 / r2.z), corner_weight(si, c11, near2 / r2.w)};
+    Real sum = w.x + w.y + w.z + w.w;
+    Int lit = (height > 0.0f) & (patch.area > 0.0f) & (sum > 1e-30f);
+    uint lanes = lanes_of(lit);
+    if (lanes == 0u)
         return s;
 
-    float2 st;
-    float solid_angle = 0.0f, value;
-    if (near2 < dot3(e1, e1) + dot3(e2, e2))
-        solid_angle = sample_solid_angle(to, e1, e2, height, u, &st);
-    if (solid_angle == 0.0f)
-        st = sample_bilinear(u, w * (4.0f / sum), &value);
-    float3 q = madd3(e2, st.y, madd3(e1, st.x, corner));
-    s.q = madd3(n, light->offset, q);
-    to = madd3(e2, st.y, madd3(e1, st.x, to));
-    float inv_r2 = 1.0f / max1(dot3(to, to), 1e-24f);
-    float per_cosine = solid_angle > 0.0f ? solid_angle * sqrt1(inv_r2) : height * inv_r2 * (area * inv_r2) / value;
-    if (solid_angle > 0.0f || value > 0.0f)
-        s.irradiance = light_irradiance(light, receiver_cosine(si, to) * per_cosine);
+    Real scale = 4.0f / sum, value;
+    w.x *= scale;
+    w.y *= scale;
+    w.z *= scale;
+    w.w *= scale;
+    Vec2 st = sample_bilinear(u, w, &value);
+    uint near = lanes & lanes_of(near2 < dot3(patch.e1, patch.e1) + dot3(patch.e2, patch.e2));
+    Real solid_angle = sample_solid_angles(to, &patch, height, u, near, &st);
+    s.q = madd3(n, (Real)(light->offset), madd3(patch.e2, st.y, madd3(patch.e1, st.x, patch.corner)));
+    to = madd3(patch.e2, st.y, madd3(patch.e1, st.x, to));
+    Real inv_r2 = 1.0f / max1(dot3(to, to), tiny);
+    Real per_cosine = solid_angle > 0.0f ? solid_angle * sqrt1(inv_r2) : height * inv_r2 * (patch.area * inv_r2) / value;
+    lit &= (solid_angle > 0.0f) | (value > 0.0f);
+    s.irradiance = light_irradiance(light, lit ? receiver_cosine(si, to) * per_cosine : 0.0f);
     return s;
 }
 
@@ -179,59 +212,72 @@ INLINE int cdf_find(const global uint *cdf, int count, uint u)
 }
 
 /* A triangle of an emitting mesh by area (`pick`: 32 random bits), then a uniform point on it. */
-INLINE LightSample mesh_sample(const Scene *scene, const global Light *light, const Surface *si, float2 u, uint pick)
+INLINE LightSample mesh_sample(const Scene *scene, const global Light *light, const Surface *si, Vec2 u, Uint pick)
 {
-    const global uint *cdf = scene->cdf + light->cdf;
-    int i = cdf_find(cdf, light->count, pick);
-    float share = (float)(cdf[i] - (i > 0 ? cdf[i - 1] : 0u)) + (i + 1 == light->count ? 1.0f : 0.0f);
-    const global Triangle *tri = &scene->triangles[light->first + i];
-    float3 n = load3(tri->n), e1 = load3(tri->e1), e2 = load3(tri->e2);
-    float2 b = sample_triangle(u);
-    float3 q = madd3(e2, b.y, madd3(e1, b.x, load3(tri->v0)));
-    float3 c = cross3(e1, e2);
-    float area_over_pdf = 0.5f * sqrt1(dot3(c, c)) * (0x1p32f / share);
     LightSample s = light_sample_none(light);
-    s.first = light->first + i;
+    const global uint *cdf = scene->cdf + light->cdf;
+    Real share;
+    for (int lane = 0; lane < PACKET; ++lane) {
+        int i = cdf_find(cdf, light->count, ((const uint *)&pick)[lane]);
+        real_set(&share, lane, (float)(cdf[i] - (i > 0 ? cdf[i - 1] : 0u)) + (i + 1 == light->count ? 1.0f : 0.0f));
+        int_set(&s.first, lane, light->first + i);
+    }
     s.count = 1u;
-    s.q = madd3(n, tri->offset, q);
-    s.irradiance = light_irradiance(light, patch_factor(si, n, q - si->p) * area_over_pdf);
+    Triangles tri = triangles_at(scene, &s.first, ALL_LANES);
+    Vec2 b = sample_triangle(u);
+    Vec q = madd3(tri.e2, b.y, madd3(tri.e1, b.x, tri.v0));
+    Vec c = cross3(tri.e1, tri.e2);
+    Real area_over_pdf = 0.5f * sqrt1(dot3(c, c)) * (0x1p32f / share);
+    s.q = madd3(tri.n, tri.offset, q);
+    s.irradiance = light_irradiance(light, patch_factor(si, tri.n, sub3(q, si->p)) * area_over_pdf);
     return s;
 }
 
 /* A direction uniform in the cone that a sphere fills, and where it first meets the sphere. */
-INLINE LightSample sphere_light_sample(const global Light *light, const Surface *si, float2 u)
+INLINE LightSample sphere_light_sample(const global Light *light, const Surface *si, Vec2 u)
 {
     LightSample s = light_sample_none(light);
-    float3 to = load3(light->position) - si->p;
-    float d2 = dot3(to, to);
-    float sin2_max = light->radius * light->radius / d2;
-    if (!(sin2_max < 1.0f))
-        return s; /* inside: the front is outside */
-    float one_minus_cos_max = sin2_max / (1.0f + sqrt1(1.0f - sin2_max));
-    float one_minus_cos = u.x * one_minus_cos_max;
-    float sin2 = one_minus_cos * (2.0f - one_minus_cos);
-    float cos = 1.0f - one_minus_cos;
-    float3 axis = to * (1.0f / sqrt1(d2)), bx, by;
-    frame_from(axis, &bx, &by);
-    float3 wi = madd3(axis, cos, (bx * cospi(2.0f * u.y) + by * sinpi(2.0f * u.y)) * sqrt1(sin2));
-    float t = sqrt1(d2) * cos - sqrt1(max1(light->radius * light->radius - d2 * sin2, 0.0f));
-    float3 n = normalize3(madd3(wi, t, -to));
-    s.q = madd3(n, light->radius + light->offset, load3(light->position));
-    s.irradiance = light_irradiance(light, receiver_cosine(si, wi) * 2.0f * PI * one_minus_cos_max);
+    Vec to = sub3(vec_load(light->position), si->p);
+    Real d2 = dot3(to, to), zero = (Real)(0.0f);
+    Real sin2_max = light->radius * light->radius / d2;
+    Int outside = sin2_max < 1.0f; /* the front */
+    Real one_minus_cos_max = sin2_max / (1.0f + sqrt1(max1(1.0f - sin2_max, zero)));
+    Real one_minus_cos = u.x * one_minus_cos_max;
+    Real sin2 = one_minus_cos * (2.0f - one_minus_cos);
+    Real cos = 1.0f - one_minus_cos;
+    Vec axis = scale3(to, 1.0f / sqrt1(d2)), ring;
+    for (int lane = 0; lane < PACKET; ++lane) {
+        float3 x, y;
+        frame_from(vec_lane(&axis, lane), &x, &y);
+        float turns = 2.0f * vec2_lane(&u, lane).y;
+        vec_set(&ring, lane, x * cospi(turns) + y * sinpi(turns));
+    }
+    Vec wi = madd3(axis, cos, scale3(ring, sqrt1(sin2)));
+    Real t = sqrt1(d2) * cos - sqrt1(max1(light->radius * light->radius - d2 * sin2, zero));
+    Vec n = normalize3(madd3(wi, t, neg3(to)));
+    s.q = madd3(n, (Real)(light->radius + light->offset), vec_load(light->position));
+    Real factor = receiver_cosine(si, wi) * 2.0f * PI * one_minus_cos_max;
+    s.irradiance = light_irradiance(light, outside ? factor : 0.0f);
     return s;
 }
 
-/* `pair`: the first of two dimension pairs that the light may use. */
-INLINE LightSample light_sample(const Scene *scene, const global Light *light, const Surface *si, Sampler sampler, uint pair)
+/* `pair`: the first of two dimension pairs that the light may use. Of `lanes` alone the sample has a meaning. */
+INLINE LightSample light_sample(const Scene *scene, const global Light *light, const Surface *si, uint lanes,
+                                Sampler sampler, uint pair)
 {
-    if (HAS_AREA_LIGHTS && light->kind == LIGHT_RECTANGLE && !(dot3(load3(light->n), si->p - load3(light->position)) > 0.0f))
-        return light_sample_none(light); /* behind it: no need of a sample */
-    if (HAS_RECTANGLE_LIGHTS && light->kind == LIGHT_RECTANGLE)
-        return rectangle_sample(light, si, sample_2d(sampler, pair));
-    if (HAS_MESH_LIGHTS && light->kind == LIGHT_MESH)
-        return mesh_sample(scene, light, si, sample_2d(sampler, pair), sample_bits(sampler, pair + 1u).x);
+    if (HAS_RECTANGLE_LIGHTS && light->kind == LIGHT_RECTANGLE) {
+        Real height = dot3(vec_load(light->n), sub3(si->p, vec_load(light->position)));
+        if ((lanes & lanes_of(height > 0.0f)) == 0u)
+            return light_sample_none(light); /* all behind it: no need of a sample */
+        return rectangle_sample(light, si, sample_2d(sampler, (Uint)(pair)));
+    }
+    if (HAS_MESH_LIGHTS && light->kind == LIGHT_MESH) {
+        Uint pick, unused;
+        sample_bits(sampler, (Uint)(pair + 1u), &pick, &unused);
+        return mesh_sample(scene, light, si, sample_2d(sampler, (Uint)(pair)), pick);
+    }
     if (HAS_SPHERE_LIGHTS && light->kind == LIGHT_SPHERE)
-        return sphere_light_sample(light, si, sample_2d(sampler, pair));
+        return sphere_light_sample(light, si, sample_2d(sampler, (Uint)(pair)));
     return point_sample(light, si);
 }
 

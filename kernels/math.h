@@ -18,7 +18,7 @@ INLINE float3 load3(const global float *p)
     return (float3)(p[0], p[1], p[2]);
 }
 
-INLINE float lerp1(float a, float b, float t)
+INLINE OVERLOADED float lerp1(float a, float b, float t)
 {
     return fma1(t, b - a, a);
 }
@@ -28,7 +28,14 @@ INLINE float3 lerp3(float3 a, float3 b, float t)
     return a + (b - a) * t;
 }
 
-INLINE float dot3(float3 a, float3 b)
+INLINE OVERLOADED float3 add3(float3 a, float3 b) { return a + b; }
+INLINE OVERLOADED float3 sub3(float3 a, float3 b) { return a - b; }
+INLINE OVERLOADED float3 neg3(float3 a) { return -a; }
+INLINE OVERLOADED float3 mul3(float3 a, float3 b) { return a * b; }
+INLINE OVERLOADED float3 scale3(float3 a, float s) { return a * s; }
+INLINE OVERLOADED float3 select3(int mask, float3 a, float3 b) { return mask ? a : b; }
+
+INLINE OVERLOADED float dot3(float3 a, float3 b)
 {
     return fma1(a.x, b.x, fma1(a.y, b.y, a.z * b.z));
 }
@@ -38,28 +45,28 @@ INLINE float3 abs3(float3 a)
     return (float3)(abs1(a.x), abs1(a.y), abs1(a.z));
 }
 
-INLINE float3 madd3(float3 a, float s, float3 b)
+INLINE OVERLOADED float3 madd3(float3 a, float s, float3 b)
 {
     return (float3)(fma1(a.x, s, b.x), fma1(a.y, s, b.y), fma1(a.z, s, b.z));
 }
 
-INLINE float3 cross3(float3 a, float3 b)
+INLINE OVERLOADED float3 cross3(float3 a, float3 b)
 {
     return (float3)(fma1(a.y, b.z, -(a.z * b.y)), fma1(a.z, b.x, -(a.x * b.z)), fma1(a.x, b.y, -(a.y * b.x)));
 }
 
-INLINE float3 normalize3(float3 a)
+INLINE OVERLOADED float3 normalize3(float3 a)
 {
     return a * (1.0f / sqrt1(dot3(a, a)));
 }
 
-INLINE float max3(float3 a)
+INLINE OVERLOADED float max3(float3 a)
 {
     return max1(a.x, max1(a.y, a.z));
 }
 
 /* What overflowed becomes the largest float. */
-INLINE float3 saturate3(float3 a)
+INLINE OVERLOADED float3 saturate3(float3 a)
 {
     return (float3)(min1(FLT_MAX, a.x), min1(FLT_MAX, a.y), min1(FLT_MAX, a.z));
 }

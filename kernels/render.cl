@@ -1,4 +1,5 @@
-/* One work-item per pixel sample: work-item g is sample `g % sample_count` of pixel `pixels[g / sample_count]`.
+/* One work-item per pixel sample: work-item g is sample `g % sample_count` of pixel `pixels[g / sample_count]`. On a processor
+ * with vector units, PACKET neighbours are traced together by the first of them, a lane each.
  *
  * Samples leave in planes, [sample][channel][pixel], so that the host's reduction is a sum of contiguous vectors. Each
  * work-group adds up what its samples did and stores it at counts[group].
@@ -27,6 +28,41 @@ void trace_beams(const PassParams pass, constant SceneParams *params, const glob
     beam_trace(&scene, &beam, (int)shafts, candidates + (first / BEAM_PIXELS) * (1u + shafts));
 }
 
+/* Traces the samples g … g + PACKET - 1 of a pass that has `samples`. They are all of one beam. */
+static void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels,
+                          const global Candidates *candidates, uint g, uint samples, global float *planes,
+                          Counters *counters)
+{
+    uint count = samples - g < PACKET ? samples - g : PACKET;
+    size_t place[PACKET]; /* in a plane */
+    uint first_pixel = g / pass->sample_count, p = first_pixel, s = g - p * pass->sample_count;
+    Uint pixel, index;
+    for (int lane = 0; lane < PACKET; ++lane) {
+        uint some = p < pass->pixel_count ? p : first_pixel; /* lanes beyond the end trace nothing */
+        ((uint *)&pixel)[lane] = pixels[pass->first_pixel + some];
+        ((uint *)&index)[lane] = pass->first_sample + s;
+        place[lane] = (size_t)(3u * s) * pass->stride + p;
+        if (++s == pass->sample_count) {
+            s = 0u;
+            ++p;
+        }
+    }
+    Sampler sampler = {hash_uint(pixel ^ hash_uint(pass->seed + 0x51633e2du)), index};
+    Vec2 jitter = sample_2d(sampler, (Uint)(0u));
+    Vec o, d;
+    camera_ray(&scene->params->camera, real_of(pixel & 0xffffu) + jitter.x, real_of(pixel >> 16) + jitter.y, &o, &d);
+    const global Candidates *beam = candidates + (first_pixel / BEAM_PIXELS) * (1u + shaft_count(scene->params));
+    Vec radiance = direct_radiance(scene, o, d, ALL_LANES >> (PACKET - count), sampler, beam, counters);
+
+    for (uint lane = 0; lane < count; ++lane) {
+        float3 value = vec_lane(&radiance, lane);
+        global float *out = planes + place[lane];
+        out[0] = value.x;
+        out[pass->stride] = value.y;
+        out[2u * pass->stride] = value.z;
+    }
+}
+
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void render(const PassParams pass, constant SceneParams *params, const global BvhNode *nodes,
             const global TriangleBlock *triangle_blocks, const global SphereBlock *sphere_blocks,
@@ -37,32 +73,18 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
 {
     const Scene scene = {params, nodes, triangle_blocks, sphere_blocks, triangles, corners,
                          spheres, materials, textures, texels, lights, cdf};
-    local Counters group[LOCAL_SIZE];
-    uint g = (uint)get_global_id(0);
-    Counters counters = {0u, 0u, 0u, 0u};
-    if (g < pass.pixel_count * pass.sample_count) {
-        uint p = g / pass.sample_count;
-        uint s = g - p * pass.sample_count;
-        uint pixel = pixels[pass.first_pixel + p];
-        Sampler sampler = {hash_uint(pixel ^ hash_uint(pass.seed + 0x51633e2du)), pass.first_sample + s};
-
-        float2 jitter = sample_2d(sampler, 0u);
-        float3 o, d;
-        camera_ray(&params->camera, (float)(pixel & 0xffffu) + jitter.x, (float)(pixel >> 16) + jitter.y, &o, &d);
-        const global Candidates *beam = candidates + (p / BEAM_PIXELS) * (1u + shaft_count(params));
-        float3 radiance = direct_radiance(&scene, o, d, sampler, beam, &counters);
-
-        global float *out = planes + (size_t)(3u * s) * pass.stride + p;
-        out[0] = radiance.x;
-        out[pass.stride] = radiance.y;
-        out[2u * pass.stride] = radiance.z;
+    local Counters group[LOCAL_SIZE / PACKET];
+    uint g = (uint)get_global_id(0), item = (uint)get_local_id(0), samples = pass.pixel_count * pass.sample_count;
+    if (item % PACKET == 0u) {
+        Counters counters = {0u, 0u, 0u, 0u};
+        if (g < samples)
+            render_packet(&scene, &pass, pixels, candidates, g, samples, planes, &counters);
+        group[item / PACKET] = counters;
     }
-    uint item = (uint)get_local_id(0);
-    group[item] = counters;
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (item == 0u && g < pass.pixel_count * pass.sample_count) {
+    if (item == 0u && g < samples) {
         Counters sum = {0u, 0u, 0u, 0u};
-        for (uint i = 0; i < LOCAL_SIZE; ++i) {
+        for (uint i = 0; i < LOCAL_SIZE / PACKET; ++i) {
             sum.specular += group[i].specular;
             sum.shadow += group[i].shadow;
             sum.dark += group[i].dark;

@@ -10,14 +10,14 @@
 #ifndef PYRT_SAMPLING_H
 #define PYRT_SAMPLING_H
 
-#include "math.h"
+#include "packet.h"
 
 typedef struct {
-    uint pixel; /* hash of the pixel and the seed */
-    uint index; /* of the sample within the pixel */
+    Uint pixel; /* hash of the pixel and the seed */
+    Uint index; /* of the sample within the pixel */
 } Sampler;
 
-INLINE uint hash_uint(uint x)
+INLINE OVERLOADED uint hash_uint(uint x)
 {
     x ^= x >> 16;
     x *= 0x21f0aaadu;
@@ -27,10 +27,24 @@ INLINE uint hash_uint(uint x)
     return x;
 }
 
-INLINE uint reverse_bits(uint x)
+#if PACKET > 1
+INLINE OVERLOADED Uint hash_uint(Uint x)
 {
-#if __has_builtin(__builtin_bitreverse32)
+    x ^= x >> 16;
+    x *= 0x21f0aaadu;
+    x ^= x >> 15;
+    x *= 0x735a2d97u;
+    x ^= x >> 15;
+    return x;
+}
+#endif
+
+INLINE Uint reverse_bits(Uint x)
+{
+#if PACKET == 1 && __has_builtin(__builtin_bitreverse32)
     return __builtin_bitreverse32(x);
+#elif PACKET > 1 && NATIVE_X86
+    return reverse_bits8(x);
 #endif
     x = (x << 16) | (x >> 16);
     x = ((x & 0x00ff00ffu) << 8) | ((x >> 8) & 0x00ff00ffu);
@@ -40,7 +54,7 @@ INLINE uint reverse_bits(uint x)
 }
 
 /* Owen scrambling of a number whose bits stand in reverse order: each bit is flipped by a hash of the bits below it. */
-INLINE uint scramble_reversed(uint x, uint seed)
+INLINE Uint scramble_reversed(Uint x, Uint seed)
 {
     x ^= x * 0x3d20adeau;
     x += seed;
@@ -51,7 +65,7 @@ INLINE uint scramble_reversed(uint x, uint seed)
 }
 
 /* Bits of the second Sobol' coordinate in reverse order: Pascal's triangle modulo 2 applied to the index. */
-INLINE uint sobol_second_reversed(uint i)
+INLINE Uint sobol_second_reversed(Uint i)
 {
     i ^= (i >> 16) & 0x0000ffffu;
     i ^= (i >> 8) & 0x00ff00ffu;
@@ -61,43 +75,42 @@ INLINE uint sobol_second_reversed(uint i)
     return i;
 }
 
-INLINE uint2 sample_bits(Sampler sampler, uint pair)
+/* The point of the current sample in dimension pair `pair`, as the bits behind the binary point. */
+INLINE void sample_bits(Sampler sampler, Uint pair, Uint *x, Uint *y)
 {
-    uint seed = hash_uint(sampler.pixel + pair * 0x9e3779b9u);
-    uint i = reverse_bits(scramble_reversed(reverse_bits(sampler.index), seed));
-    uint x = scramble_reversed(i, hash_uint(seed ^ 0x68bc21ebu));
-    uint y = scramble_reversed(sobol_second_reversed(i), hash_uint(seed ^ 0x02e5be93u));
-    return (uint2)(reverse_bits(x), reverse_bits(y));
+    Uint seed = hash_uint(sampler.pixel + pair * 0x9e3779b9u);
+    Uint i = reverse_bits(scramble_reversed(reverse_bits(sampler.index), seed));
+    *x = reverse_bits(scramble_reversed(i, hash_uint(seed ^ 0x68bc21ebu)));
+    *y = reverse_bits(scramble_reversed(sobol_second_reversed(i), hash_uint(seed ^ 0x02e5be93u)));
 }
 
 /* A multiple of 2^-24 in [0, 1): never 1, because the bits that a float cannot hold are cut off first. */
-INLINE float unit_float(uint bits)
+INLINE Real unit_float(Uint bits)
 {
-    return (float)(bits >> 8) * ULP;
+    return real_of(bits >> 8) * ULP;
 }
 
-/* The point of the current sample in dimension pair `pair`, in [0, 1)^2. */
-INLINE float2 sample_2d(Sampler sampler, uint pair)
+/* The same in [0, 1)^2. */
+INLINE Vec2 sample_2d(Sampler sampler, Uint pair)
 {
-    uint2 bits = sample_bits(sampler, pair);
-    return (float2)(unit_float(bits.x), unit_float(bits.y));
+    Uint x, y;
+    sample_bits(sampler, pair, &x, &y);
+    Vec2 u = {unit_float(x), unit_float(y)};
+    return u;
 }
 
 /* x in [0, 1] with density proportional to (1 - x) a + x b; a, b >= 0, not both 0. */
-INLINE float sample_linear(float u, float a, float b)
+INLINE Real sample_linear(Real u, Real a, Real b)
 {
-    return min1(u * (a + b) / max1(a + sqrt1(fma1(u, b * b - a * a, a * a)), 1e-30f), 1.0f);
+    return min1(u * (a + b) / max1(a + sqrt1(fma1(u, b * b - a * a, a * a)), (Real)(1e-30f)), (Real)(1.0f));
 }
 
 /* Uniform barycentrics (b1, b2) of a triangle: the square folded along its diagonal, shear-free (Heitz 2019). */
-INLINE float2 sample_triangle(float2 u)
+INLINE Vec2 sample_triangle(Vec2 u)
 {
-    if (u.y > u.x) {
-        float b1 = 0.5f * u.x;
-        return (float2)(b1, u.y - b1);
-    }
-    float b2 = 0.5f * u.y;
-    return (float2)(u.x - b2, b2);
+    Real b1 = 0.5f * u.x, b2 = 0.5f * u.y;
+    Vec2 b = {u.y > u.x ? b1 : u.x - b2, u.y > u.x ? u.y - b1 : b2};
+    return b;
 }
 
 #endif

@@ -2,7 +2,7 @@
 #ifndef PYRT_SCENE_H
 #define PYRT_SCENE_H
 
-#include "math.h"
+#include "packet.h"
 
 typedef struct {
     const constant SceneParams *params;
@@ -37,10 +37,47 @@ typedef struct {
     int id; /* primitive, or -1 for a miss */
 } Hit;
 
+/* The rays of a packet, and what they find. */
+#if PACKET == 1
+typedef Ray Rays;
+typedef Hit Hits;
+#else
+typedef struct {
+    Vec o;
+    Vec d;
+    Real t_max;
+    Int self;
+    Int light_first;
+    uint light_count;
+} Rays;
+
+typedef struct {
+    Real t;
+    Real u;
+    Real v;
+    Int id;
+} Hits;
+#endif
+
 INLINE Ray ray_make(float3 o, float3 d, float t_max, int self)
 {
     Ray ray = {o, d, t_max, self, 0, 0u};
     return ray;
+}
+
+INLINE Ray ray_lane(const Rays *rays, int lane)
+{
+    Ray ray = {vec_lane(&rays->o, lane), vec_lane(&rays->d, lane), real_lane(&rays->t_max, lane),
+               int_lane(&rays->self, lane), int_lane(&rays->light_first, lane), rays->light_count};
+    return ray;
+}
+
+INLINE void hit_set(Hits *hits, int lane, const Hit *hit)
+{
+    real_set(&hits->t, lane, hit->t);
+    real_set(&hits->u, lane, hit->u);
+    real_set(&hits->v, lane, hit->v);
+    int_set(&hits->id, lane, hit->id);
 }
 
 /* Ties go to the lower id, so that the result does not depend on the order of the traversal. */

@@ -1,91 +1,164 @@
-/* What a hit found: place, normals, texture coordinates and material, computed once per hit that is shaded. */
+/* What the hits of a packet found: place, normals, texture coordinates and material, computed once per hit that is shaded. */
 #ifndef PYRT_SURFACE_H
 #define PYRT_SURFACE_H
 
-#include "scene.h"
+#include "triangle.h"
 
 typedef struct {
-    float3 p;
-    float3 ng;    /* unit geometric normal, on the ray's side */
-    float3 n;     /* unit shading normal, on the same side as ng */
-    float2 uv;
-    float offset; /* bound on the error of p along ng */
-    bool front;   /* the ray came from the front side */
-    int id;
-    int material; /* or -1 */
-    int light;    /* or -1 */
+    Vec p;
+    Vec ng;      /* unit geometric normal, on the ray's side */
+    Vec n;       /* unit shading normal, on the same side as ng */
+    Vec2 uv;
+    Real offset; /* bound on the error of p along ng */
+    Int front;   /* mask: the ray came from the front side */
+    Int id;
+    Int material; /* or -1 */
+    Int light;    /* or -1 */
 } Surface;
+
+/* The surface of one lane, as far as specular paths need it. */
+#if PACKET == 1
+typedef Surface LaneSurface;
+INLINE LaneSurface surface_lane(const Surface *si, int lane) { return *si; }
+#else
+typedef struct {
+    float3 p, ng, n;
+    float offset;
+    int front;
+    int id;
+} LaneSurface;
+
+INLINE LaneSurface surface_lane(const Surface *si, int lane)
+{
+    LaneSurface at = {vec_lane(&si->p, lane), vec_lane(&si->ng, lane), vec_lane(&si->n, lane),
+                      real_lane(&si->offset, lane), int_lane(&si->front, lane), int_lane(&si->id, lane)};
+    return at;
+}
+#endif
+
+/* The triangles that the lanes hit. */
+typedef struct {
+    Vec v0, e1, e2, n;
+    Real offset;
+    Int material, light, corners;
+} Triangles;
+
+/* `lanes`: those that hit a triangle; what others get has no meaning. Neighbours mostly hit the same one. */
+INLINE Triangles triangles_at(const Scene *scene, const Int *id, uint lanes)
+{
+    Triangles out;
+    int first;
+    if (all_same(id, lanes, &first)) {
+        const global Triangle *tri = &scene->triangles[first];
+        out.v0 = vec_load(tri->v0);
+        out.e1 = vec_load(tri->e1);
+        out.e2 = vec_load(tri->e2);
+        out.n = vec_load(tri->n);
+        out.offset = (Real)(tri->offset);
+        out.material = (Int)(tri->material);
+        out.light = (Int)(tri->light);
+        out.corners = (Int)(tri->corners);
+        return out;
+    }
+    for (int lane = 0; lane < PACKET; ++lane) {
+        const global Triangle *tri = &scene->triangles[lanes >> lane & 1u ? int_lane(id, lane) : first];
+        vec_set(&out.v0, lane, load3(tri->v0));
+        vec_set(&out.e1, lane, load3(tri->e1));
+        vec_set(&out.e2, lane, load3(tri->e2));
+        vec_set(&out.n, lane, load3(tri->n));
+        real_set(&out.offset, lane, tri->offset);
+        int_set(&out.material, lane, tri->material);
+        int_set(&out.light, lane, tri->light);
+        int_set(&out.corners, lane, tri->corners);
+    }
+    return out;
+}
 
 /* The hit point, but not nearer to an edge than EDGE_MARGIN of the triangle's height: rounded, it might lie behind the
  * neighbour, and a ray that leaves would miss that. */
 #define EDGE_MARGIN 0x1p-18f
 
-INLINE float3 triangle_point(const global Triangle *tri, const Hit *hit)
+INLINE Vec triangle_point(const Triangles *tri, const Hits *hits)
 {
-    float u = max1(hit->u, EDGE_MARGIN), v = max1(hit->v, EDGE_MARGIN), w = max1(1.0f - hit->u - hit->v, EDGE_MARGIN);
-    float inv_sum = 2.0f - (u + v + w); /* the sum is near 1 */
-    return madd3(load3(tri->e2), v * inv_sum, madd3(load3(tri->e1), u * inv_sum, load3(tri->v0)));
+    Real margin = (Real)(EDGE_MARGIN);
+    Real u = max1(hits->u, margin), v = max1(hits->v, margin), w = max1(1.0f - hits->u - hits->v, margin);
+    Real inv_sum = 2.0f - (u + v + w); /* the sum is near 1 */
+    return madd3(tri->e2, v * inv_sum, madd3(tri->e1, u * inv_sum, tri->v0));
 }
 
-INLINE Surface triangle_surface(const Scene *scene, const Hit *hit)
+/* Texture coordinates and normals that vary over a triangle, for one lane. */
+INLINE void corners_at(const Scene *scene, const global Corners *c, const Hits *hits, int lane, Surface *si)
 {
-    const global Triangle *tri = &scene->triangles[hit->id];
-    Surface si;
-    si.p = triangle_point(tri, hit);
-    si.ng = load3(tri->n);
-    si.n = si.ng;
-    si.uv = (float2)(hit->u + hit->v, hit->v);
-    si.offset = tri->offset;
-    si.material = tri->material;
-    si.light = tri->light;
-    if (HAS_CORNERS && tri->corners >= 0) {
-        const global Corners *c = &scene->corners[tri->corners];
-        float w = 1.0f - hit->u - hit->v;
-        if (HAS_TEXTURES)
-            si.uv = w * vload2(0, c->uv[0]) + hit->u * vload2(0, c->uv[1]) + hit->v * vload2(0, c->uv[2]);
-        if (HAS_SMOOTH_NORMALS) {
-            float3 n = w * load3(c->n[0]) + hit->u * load3(c->n[1]) + hit->v * load3(c->n[2]);
-            float length2 = dot3(n, n);
-            si.n = length2 > 0.0f ? n * (1.0f / sqrt1(length2)) : si.ng;
-        }
-    }
-    return si;
-}
-
-INLINE Surface sphere_surface(const Scene *scene, const Ray *ray, const Hit *hit)
-{
-    const global Sphere *sphere = &scene->spheres[hit->id - scene->params->triangle_count];
-    float3 center = load3(sphere->center);
-    Surface si;
-    si.ng = normalize3(madd3(ray->d, hit->t, ray->o) - center);
-    si.n = si.ng;
-    si.p = madd3(si.ng, sphere->radius, center);
-    si.uv = (float2)(0.0f, 0.0f);
+    float u = real_lane(&hits->u, lane), v = real_lane(&hits->v, lane), w = 1.0f - u - v;
     if (HAS_TEXTURES) {
-        float longitude = atan2(si.ng.z, si.ng.x) * (0.5f * INV_PI);
-        si.uv = (float2)(longitude < 0.0f ? longitude + 1.0f : longitude, acos(clamp(si.ng.y, -1.0f, 1.0f)) * INV_PI);
+        float2 uv = w * vload2(0, c->uv[0]) + u * vload2(0, c->uv[1]) + v * vload2(0, c->uv[2]);
+        vec2_set(&si->uv, lane, uv);
     }
-    si.offset = sphere->offset;
-    si.material = sphere->material;
-    si.light = sphere->light;
-    return si;
+    if (HAS_SMOOTH_NORMALS) {
+        float3 n = w * load3(c->n[0]) + u * load3(c->n[1]) + v * load3(c->n[2]);
+        float length2 = dot3(n, n);
+        if (length2 > 0.0f)
+            vec_set(&si->n, lane, n * (1.0f / sqrt1(length2)));
+    }
 }
 
-INLINE Surface surface_at(const Scene *scene, const Ray *ray, const Hit *hit)
+INLINE void triangle_surfaces(const Scene *scene, const Hits *hits, uint lanes, Surface *si)
 {
-    bool is_sphere = HAS_SPHERES && hit->id >= scene->params->triangle_count;
-    Surface si = is_sphere ? sphere_surface(scene, ray, hit) : triangle_surface(scene, hit);
-    si.id = hit->id;
-    si.front = dot3(si.ng, ray->d) < 0.0f;
-    if (!si.front)
-        si.ng = -si.ng;
-    if (dot3(si.n, si.ng) < 0.0f)
-        si.n = -si.n;
+    Triangles tri = triangles_at(scene, &hits->id, lanes);
+    si->p = triangle_point(&tri, hits);
+    si->ng = tri.n;
+    si->n = tri.n;
+    si->uv.x = hits->u + hits->v;
+    si->uv.y = hits->v;
+    si->offset = tri.offset;
+    si->material = tri.material;
+    si->light = tri.light;
+    if (HAS_CORNERS)
+        for (uint rest = lanes & lanes_of(tri.corners >= 0); rest != 0u; rest &= rest - 1u) {
+            int lane = lowest_bit(rest);
+            corners_at(scene, &scene->corners[int_lane(&tri.corners, lane)], hits, lane, si);
+        }
+}
+
+INLINE void sphere_surface(const Scene *scene, float3 o, float3 d, const Hits *hits, int lane, Surface *si)
+{
+    const global Sphere *sphere = &scene->spheres[int_lane(&hits->id, lane) - scene->params->triangle_count];
+    float3 center = load3(sphere->center);
+    float3 n = normalize3(madd3(d, real_lane(&hits->t, lane), o) - center);
+    vec_set(&si->ng, lane, n);
+    vec_set(&si->n, lane, n);
+    vec_set(&si->p, lane, madd3(n, sphere->radius, center));
+    float2 uv = (float2)(0.0f, 0.0f);
+    if (HAS_TEXTURES) {
+        float longitude = atan2(n.z, n.x) * (0.5f * INV_PI);
+        uv = (float2)(longitude < 0.0f ? longitude + 1.0f : longitude, acos(clamp(n.y, -1.0f, 1.0f)) * INV_PI);
+    }
+    vec2_set(&si->uv, lane, uv);
+    real_set(&si->offset, lane, sphere->offset);
+    int_set(&si->material, lane, sphere->material);
+    int_set(&si->light, lane, sphere->light);
+}
+
+/* `lanes`: those that hit something, at least one; what others get has no meaning. */
+INLINE Surface surface_at(const Scene *scene, const Rays *rays, const Hits *hits, uint lanes)
+{
+    Surface si;
+    uint spheres = HAS_SPHERES ? lanes & lanes_of(hits->id >= scene->params->triangle_count) : 0u;
+    if (lanes != spheres)
+        triangle_surfaces(scene, hits, lanes & ~spheres, &si);
+    for (; spheres != 0u; spheres &= spheres - 1u) {
+        int lane = lowest_bit(spheres);
+        sphere_surface(scene, vec_lane(&rays->o, lane), vec_lane(&rays->d, lane), hits, lane, &si);
+    }
+    si.id = hits->id;
+    si.front = dot3(si.ng, rays->d) < 0.0f;
+    si.ng = select3(si.front, si.ng, neg3(si.ng));
+    si.n = select3(dot3(si.n, si.ng) < 0.0f, neg3(si.n), si.n);
     return si;
 }
 
 /* Where a ray that leaves on the side of `n` starts: off the surface by more than the error of p. */
-INLINE float3 spawn_point(const Surface *si, float3 n)
+INLINE Vec spawn_point(const Surface *si, Vec n)
 {
     return madd3(n, si->offset, si->p);
 }

@@ -43,11 +43,15 @@ INLINE Shear shear_from(float3 o, float3 d)
 
 /* px qy - py qx within 1.5 ulp, and so of the right sign (Jeannerod, Louvet, Muller: Further Analysis of Kahan's Algorithm
  * for the Accurate Computation of 2x2 Determinants, 2013). */
-INLINE float8 cross8(float8 px, float8 py, float8 qx, float8 qy)
-{
-    float8 product = py * qx;
-    return fma8(px, qy, -product) + fma8(-py, qx, product);
-}
+#define CROSS(NAME, REAL, FMA) \
+    INLINE REAL NAME(REAL px, REAL py, REAL qx, REAL qy) \
+    { \
+        REAL product = py * qx; \
+        return FMA(px, qy, -product) + FMA(-py, qx, product); \
+    }
+
+CROSS(cross8, float8, fma8)
+CROSS(cross_lanes, Real, fma1)
 
 /* Tests one block; with `any`, returns at the first hit. Updates *hit and returns whether it changed. */
 INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s, const Ray *ray, bool any, Hit *hit)
@@ -91,6 +95,72 @@ INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s
             return true;
     }
     return changed;
+}
+
+INLINE Real component(const Vec *v, int axis)
+{
+    return axis == 0 ? v->x : axis == 1 ? v->y : v->z;
+}
+
+/* As bvh_hit, for lanes whose largest direction component is kz, against the first `count` triangles of a block: the same
+ * arithmetic, with a triangle and many rays in place of a ray and many triangles. */
+INLINE uint triangles_hits_along(const global TriangleBlock *block, int count, int kz, const Rays *rays, uint lanes, bool any,
+                                 Hits *hits)
+{
+    int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
+    Real ox = component(&rays->o, kx), oy = component(&rays->o, ky), oz = component(&rays->o, kz);
+    Real sz = 1.0f / component(&rays->d, kz);
+    Real sx = component(&rays->d, kx) * sz, sy = component(&rays->d, ky) * sz;
+    Real sum = abs1(ox) + abs1(oy) + abs1(oz) + abs1(sx) + abs1(sy);
+    lanes &= lanes_of((sz != 0.0f) & (abs1(sz) <= 0x1p100f) & (sum < INFINITY));
+    uint found = 0u;
+    for (int i = 0; i < count; ++i) {
+        Real az = block->vertex[0][kz][i] - oz, bz = block->vertex[1][kz][i] - oz, cz = block->vertex[2][kz][i] - oz;
+        Real ax = fma1(-sx, az, block->vertex[0][kx][i] - ox), ay = fma1(-sy, az, block->vertex[0][ky][i] - oy);
+        Real bx = fma1(-sx, bz, block->vertex[1][kx][i] - ox), by = fma1(-sy, bz, block->vertex[1][ky][i] - oy);
+        Real cx = fma1(-sx, cz, block->vertex[2][kx][i] - ox), cy = fma1(-sy, cz, block->vertex[2][ky][i] - oy);
+        Real u = cross_lanes(cx, cy, bx, by), v = cross_lanes(ax, ay, cx, cy), w = cross_lanes(bx, by, ax, ay);
+        Real low = min1(u, min1(v, w)), high = max1(u, max1(v, w));
+        uint inside = lanes & lanes_of((low >= 0.0f) ^ (high <= 0.0f));
+        if (inside == 0u)
+            continue;
+        int id = block->id[i];
+        Real inv_det = 1.0f / (u + v + w);
+        Real t = fma1(fma1(v, bz - az, w * (cz - az)), inv_det, az) * sz;
+        Int skipped = rays->self == id | (bits_of(id - rays->light_first) < rays->light_count);
+        Int closer = (t < hits->t) | ((t == hits->t) & (hits->id > id));
+        inside &= lanes_of((t > 0.0f) & closer & !skipped);
+        found |= inside;
+        if (any) {
+            lanes &= ~inside;
+            if (lanes == 0u)
+                return found;
+            continue;
+        }
+        Int now = mask_of(inside);
+        hits->t = now ? t : hits->t;
+        hits->u = now ? v * inv_det : hits->u;
+        hits->v = now ? w * inv_det : hits->v;
+        hits->id = now ? (Int)(id) : hits->id;
+    }
+    return found;
+}
+
+/* As bvh_hit for each of the lanes, of a scene that is the first `count` triangles of the block; returns those that hit. */
+INLINE uint triangles_hits(const global TriangleBlock *block, int count, const Rays *rays, uint lanes, bool any, Hits *hits)
+{
+    hits->t = rays->t_max;
+    hits->id = (Int)(-1);
+    if (count == 0)
+        return 0u;
+    Real x = abs1(rays->d.x), y = abs1(rays->d.y), z = abs1(rays->d.z);
+    uint along_x = lanes & lanes_of((x > y) & (x > z)), along_y = lanes & ~along_x & lanes_of(!(x > y) & (y > z));
+    uint axes[3] = {along_x, along_y, lanes & ~along_x & ~along_y};
+    uint found = 0u;
+    for (int axis = 0; axis < 3; ++axis)
+        if (axes[axis] != 0u)
+            found |= triangles_hits_along(block, count, axis, rays, axes[axis], any, hits);
+    return found;
 }
 
 #endif

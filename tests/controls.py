@@ -50,14 +50,14 @@ _EDGES = """
     float8 w = cross8(bx, by, ax, ay);
     float8 low = min8(u, min8(v, w)), high = max8(u, max8(v, w));
 """
-_CROSS = "return fma8(px, qy, -product) + fma8(-py, qx, product);"
+_CROSS = "return FMA(px, qy, -product) + FMA(-py, qx, product);"
 
 CONTROLS = {
     "Möller–Trumbore": Control("triangle.h", _EDGES, _MOLLER_TRUMBORE),
-    "contracted edges": Control("triangle.h", _CROSS, "return fma8(px, qy, -product);"),
+    "contracted edges": Control("triangle.h", _CROSS, "return FMA(px, qy, -product);"),
     "rounded edges": Control("triangle.h", _CROSS, "return px * qy - product;"),
     "no box padding": Control("bvh.h", "#define BOX_ULPS 8.0f", "#define BOX_ULPS 0.0f"),
-    "relative shadow epsilon": Control("direct.h", "s->q - o, 1.0f, si->id", "s->q - o, 1.0f - 1e-3f, si->id"),
+    "relative shadow epsilon": Control("direct.h", "sub3(s->q, o), (Real)(1.0f)", "sub3(s->q, o), (Real)(1.0f - 1e-3f)"),
     "no id skip": Control("scene.h", "id == ray->self || ", ""),
     "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
@@ -72,7 +72,7 @@ CONTROLS = {
     return volume;\n}\n\nINLINE Box""",
     ),
     "splits without number": Control("direct.h", " && *splits > 0", ""),
-    "overflow": Control("math.h", "(float3)(min1(FLT_MAX, a.x), min1(FLT_MAX, a.y), min1(FLT_MAX, a.z))", "a"),
+    "overflow": Control("packet.h", "{min8(FLT_MAX, a.x), min8(FLT_MAX, a.y), min8(FLT_MAX, a.z)}", "a"),
     "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),
     # No protection, but the truth for one: every box is entered, and nothing is culled by distance.
     "brute force": Control(

@@ -37,7 +37,7 @@ void bounce(uint count, int steps, int both_sides, constant SceneParams *params,
         ++hits;
         again += hit.id == id && id < params->triangle_count;
         id = hit.id;
-        Surface si = surface_at(&scene, &ray, &hit);
+        Surface si = surface_at(&scene, &ray, &hit, 1u);
         uint seed = hash_uint(i) + (uint)step;
         float3 side = both_sides && (hash_uint(~seed) & 1u) ? -si.ng : si.ng;
         o = spawn_point(&si, side);

@@ -117,8 +117,8 @@ def test_another_seed_gives_other_bits(expected, renderer):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("pass.first_sample + s}", "s}"),
-        pytest.param("hash_uint(pixel ^", "hash_uint(g ^", marks=pytest.mark.slow),
+        ("pass->first_sample + s;", "s;"),
+        pytest.param("hash_uint(pixel ^", "hash_uint((Uint)(g) ^", marks=pytest.mark.slow),
     ],
 )
 def test_samples_that_depend_on_the_pass_are_noticed(old, new):
