@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -62,13 +64,13 @@ def test_saves_are_so_far_apart_and_the_last_has_all(monkeypatch):
     run(monkeypatch, clock, 0, 10_000, 60)
     times = [time for time, _ in clock.saves]
     assert len(times) > 10
-    assert all(60 <= b - a < 60 * 1.3 for a, b in zip(times, times[1:-1], strict=False))
+    assert all(60 <= b - a < 60 * 1.3 for a, b in pairwise(times[:-1]))
     assert clock.saves[-1][1] == 10_000
 
 
-@pytest.mark.parametrize(("share", "least", "most"), [(20, 0.0, 0.05), (0, 0.3, 0.7)])
+@pytest.mark.parametrize(("share", "least", "most"), [(20, 0.0, 0.06), (0, 0.3, 0.7)])
 def test_saves_that_take_long_become_rare(monkeypatch, share, least, most):
-    """The second case is the control: without the limit, they take half of the time."""
+    """A twentieth, and the first one. The second case is the control: without the limit, they take half of the time."""
     monkeypatch.setattr(checkpoint, "_SHARE", share)
     clock = Clock(1.0, 60.0)
     run(monkeypatch, clock, 0, 10_000, 60)

@@ -1,9 +1,10 @@
-"""Films in EXR files: the same bits come back, anything else is refused in one sentence, and merging takes no nonsense."""
+"""Films in EXR files: the same bits come back, anything else is refused in one sentence, merging takes no nonsense."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_merged_parts_have_the_bits_of_the_whole(tmp_path, cuts):
     planes = np.exp(rng.uniform(-20, 20, (64, 3, WIDTH * HEIGHT))).astype(np.float32)
     planes[rng.random(planes.shape) < 0.01] = np.nan
     parts = []
-    for first, end in zip(ends, ends[1:], strict=False):
+    for first, end in pairwise(ends):
         film = Film.empty(WIDTH * HEIGHT)
         film.add(planes[first:end], 0, first)
         parts.append(read_partial(written(tmp_path / f"{first}.exr", replace(whole, first=first, end=end, film=film))))
