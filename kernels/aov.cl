@@ -6,12 +6,6 @@
 #include "bvh.h"
 #include "camera.h"
 
-#ifdef PACKET
-#define AOV_SURFACE(scene, ray, hit) surface_at(scene, ray, hit, 1u)
-#else
-#define AOV_SURFACE(scene, ray, hit) surface_at(scene, ray, hit)
-#endif
-
 /* The primitive behind the centre of each pixel, or -1. */
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void aov_primitives(uint count, constant SceneParams *params, const global BvhNode *nodes,
