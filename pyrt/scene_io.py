@@ -21,12 +21,15 @@ from pyrt.files import check_file
 from pyrt.geometry import COORDINATE_LIMIT, valid_triangles
 from pyrt.image_io import read_texture
 from pyrt.mesh_data import MeshData, transformed
-from pyrt.mesh_io import load_mesh
+from pyrt.mesh_io import FORMATS, load_mesh
+from pyrt.model import Model
+from pyrt.models import load_model
 from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.schema_errors import json_path, quote, suggestion, validate
+from pyrt.studio import completed
 
-Source = str | os.PathLike[str] | Mapping[str, Any]
+Source = str | os.PathLike[str] | Mapping[str, Any] | Model
 T = TypeVar("T")
 
 _EXAMPLE = "example:"
@@ -39,6 +42,7 @@ class _Loading:
 
     place: str
     folder: Path
+    model: Model | None = None  # whose meshes and images stand for files
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     files: dict[tuple[Any, ...], Any] = field(default_factory=dict)  # read files, or None for unreadable ones
@@ -76,8 +80,9 @@ def load_scene(
     """Loads a scene.
 
     Args:
-        source: a scene file, `example:NAME` for one that comes with pyrt, or the content of a scene file as a dict,
-            which may hold tuples, paths and numpy arrays.
+        source: a scene file; a model file (GLB, glTF, OBJ, PLY, STL or OFF), which gets a camera, a floor and lamps as
+            far as it has none; `example:NAME` for a scene that comes with pyrt; or the content of a scene file as a
+            dict, which may hold tuples, paths and numpy arrays.
         base_dir: the folder that asset paths are relative to; by default the scene file's, or for a dict the current
             one.
         overrides: values by dotted path, such as {"camera.fov": 40, "objects.0.translate": [0, 1, 0]}, set before
@@ -95,6 +100,9 @@ def load_scene(
     model, indices, problems = validate(raw)
     loading.problems += [f"{loading.place}: {problem}" for problem in problems]
     result = _scene(loading, raw, model, indices, name)
+    if loading.model is not None and not loading.problems and any(model.camera.ref_up):
+        result = completed(result, set(model.camera.model_fields_set), _has_lights(model))
+    loading.problems += [f"{loading.place}: camera.{key}: {fault}" for key, fault in camera_faults(result.camera)]
     if loading.problems:
         raise SceneError(loading.problems)
     return result
@@ -112,6 +120,8 @@ def example_path(name: str) -> Path:
 
 
 def _open(source: Source, base_dir: str | os.PathLike[str] | None) -> tuple[dict[str, Any], _Loading, str]:
+    if isinstance(source, Model):
+        return plain(source.raw), _loading("model", Path(), source), "model"
     if isinstance(source, Mapping):
         try:
             return plain(source), _Loading("scene", Path(base_dir or ".")), "scene"
@@ -121,7 +131,14 @@ def _open(source: Source, base_dir: str | os.PathLike[str] | None) -> tuple[dict
         raise UsageError(f"scene: expected a file name or a dict, got {type(source).__name__}")
     place = os.fspath(source)
     path = example_path(place.removeprefix(_EXAMPLE)) if place.startswith(_EXAMPLE) else Path(place)
+    if path.suffix.lower().removeprefix(".") in FORMATS:
+        opened = load_model(path)
+        return opened.raw, _loading(place, path.parent, opened), path.stem
     return read_json(path), _Loading(place, Path(base_dir or path.parent)), path.stem
+
+
+def _loading(place: str, folder: Path, model: Model) -> _Loading:
+    return _Loading(place, folder, model, warnings=[f"{place}: {warning}" for warning in model.warnings])
 
 
 def _scene(
@@ -142,12 +159,9 @@ def _scene(
     textures = _textures(loading, model, materials)
     shapes = [_shape(loading, path, shape, list(materials)) for path, shape in objects.items()]
     film = scene.Film(*model.film.resolution)
-    camera = camera_from(model.camera, film)
-    for key, fault in camera_faults(camera):
-        loading.problem(json_path(("camera", key)), fault)
     return scene.Scene(
         film=film,
-        camera=camera,
+        camera=camera_from(model.camera, film),
         textures=tuple(textures.values()),
         materials=tuple(_material(key, material, list(textures)) for key, material in materials.items()),
         shapes=tuple(shape for shape in shapes if shape is not None),
@@ -196,6 +210,8 @@ def _texture(loading: _Loading, path: str, texture: schema.TextureModel) -> scen
     mapping = (texture.tex_coordinate_generator.scale, texture.tex_coordinate_generator.delta)
     if isinstance(texture, schema.CheckerboardTexture):
         return scene.CheckerboardTexture(texture.color0, texture.color1, *mapping)
+    if loading.model is not None and texture.path in loading.model.images:
+        return scene.ImageTexture(loading.model.images[texture.path].pixels, *mapping)
     image = loading.read(f"{path}.path", read_texture, texture.path, texture.colorspace)
     return scene.ImageTexture(_BLACK if image is None else _reflectance(loading, path, image.pixels), *mapping)
 
@@ -240,7 +256,8 @@ def _index(names: list[str], name: str) -> int:
 
 
 def _mesh(loading: _Loading, path: str, shape: schema.Mesh) -> MeshData | None:
-    mesh = loading.read(f"{path}.path", load_mesh, shape.path)
+    mesh = loading.model.meshes.get(shape.path) if loading.model is not None else None
+    mesh = mesh or loading.read(f"{path}.path", load_mesh, shape.path)
     if mesh is None:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
@@ -266,6 +283,11 @@ def _point_lights(model: schema.SceneModel) -> tuple[scene.PointLight, ...]:
     """The integrator's point light, if it says anything about one or there is no other light, and then the rest."""
     lights = tuple(scene.PointLight(light.position, light.flux) for light in model.lights)
     position, flux = model.integrator.point_light_position, model.integrator.point_light_flux
-    if position is None and flux is None and (lights or any(shape.light for shape in model.objects)):
+    if position is None and flux is None and _has_lights(model):
         return lights
     return (scene.PointLight(position or (0.0, 5.0, 0.0), flux or (1.0, 1.0, 1.0)), *lights)
+
+
+def _has_lights(model: schema.SceneModel) -> bool:
+    given = (model.integrator.point_light_position, model.integrator.point_light_flux)
+    return bool(model.lights or any(shape.light for shape in model.objects) or any(of is not None for of in given))

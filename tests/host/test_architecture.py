@@ -16,7 +16,8 @@ SOURCES = {file.stem: file.read_text(encoding="utf-8") for file in sorted(Path(p
 LAYERS = """
 __main__
 cli
-cli_render cli_merge cli_image cli_scene cli_device
+cli_render cli_merge cli_image cli_denoise cli_scene cli_device
+cli_report
 cli_options
 __init__
 api info progress terminal compare
@@ -25,10 +26,13 @@ intersector
 renderer tracer
 result
 aov
+watch
 adaptive passes doctor checkpoint primitives
 device pack scene_io partial
 pack_lights tree scene_json camera rays hit_lists
-mesh_io studio
+models
+gltf_scene
+mesh_io studio model smooth
 gltf_mesh
 gltf
 gltf_schema
