@@ -94,7 +94,7 @@ def _kernel_jobs(tracer: pyrt.RayTracer, rays: Rays) -> dict[Any, Callable[[int]
     outputs = {"closest": (t, np.zeros(count, np.int32), u, v), "any": (np.zeros(count, np.uint8),)}
 
     def job(query: str) -> Callable[[int], Any]:
-        return lambda _: tracer._launch(f"trace_{query}", beams, *outputs[query])
+        return lambda _: tracer._trace(f"trace_{query}", beams, *outputs[query])
 
     return {(KERNEL, query): job(query) for query in QUERIES}
 

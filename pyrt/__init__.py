@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING, Any
 from pyrt.errors import DeviceError, PyrtError, SceneError, UsageError
 
 if TYPE_CHECKING:
-    from pyrt.api import Hits, RayTracer, Renderer, Result, load_scene, render
+    from pyrt.api import AllHits, Hits, RayMeshIntersector, RayTracer, Renderer, Result, load_scene, render
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AllHits",
     "DeviceError",
     "Hits",
     "PyrtError",
+    "RayMeshIntersector",
     "RayTracer",
     "Renderer",
     "Result",

@@ -6,6 +6,8 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+from pyrt.hit_lists import AllHits
+from pyrt.intersector import RayMeshIntersector
 from pyrt.renderer import Progress, Renderer, Result
 from pyrt.scene import Scene
 from pyrt.scene_io import load_scene
@@ -29,4 +31,4 @@ def render(
     return Renderer(scene, device, progress=progress).render(spp, seed, size, noise=noise, time_limit=time_limit)
 
 
-__all__ = ["Hits", "RayTracer", "Renderer", "Result", "load_scene", "render"]
+__all__ = ["AllHits", "Hits", "RayMeshIntersector", "RayTracer", "Renderer", "Result", "load_scene", "render"]

@@ -88,10 +88,10 @@ class LocalRays:
     exponent: NDArray[np.int32]
     invalid: int
 
-    def distance(self, t: NDArray[np.float32], found: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """The caller's t of local ones, all (k,); inf where nothing was found."""
+    def distance(self, t: NDArray[np.float32], ray: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float64]:
+        """The caller's t of local ones on the rays of these numbers."""
         with np.errstate(over="ignore"):
-            return np.asarray(np.ldexp(np.where(found, t + self.advance, np.inf), -self.exponent))
+            return np.asarray(np.ldexp(t + self.advance[ray], -self.exponent[ray]))
 
 
 def localise(rays: Rays, space: Normalisation, bound: NDArray[np.float64]) -> LocalRays:
@@ -125,3 +125,25 @@ def _advance(o: NDArray[np.float64], d: NDArray[np.float64], bound: NDArray[np.f
         entry = np.where(d[far] == 0.0, -np.inf, entry).max(axis=1)
         out[far] = np.clip(entry, 0.0, np.abs(o[far]).max(axis=1) * _FAR)
     return out
+
+
+def plane_points(
+    space: Normalisation,
+    corners: NDArray[np.float64],
+    o: NDArray[np.float64],
+    d: NDArray[np.float64],
+    triangle: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """(h, 3) points where rays o + t·d meet the planes of triangles (h,), which index (m, 3, 3) normalised corners.
+
+    Not farther than the triangle reaches along the ray, so that a ray nearly in the plane finds a point on it too.
+    """
+    d = np.ldexp(d, -np.frexp(np.abs(d).max(axis=1))[1][:, None])
+    c = corners[triangle]
+    to = c - space.apply(o)[:, None]
+    n = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
+    depths = (to * d[:, None]).sum(axis=2) / (d * d).sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (to[:, 0] * n).sum(axis=1) / (d * n).sum(axis=1)
+    t = np.fmin(np.fmax(t, depths.min(axis=1)), depths.max(axis=1))
+    return np.asarray(o + (t / space.scale)[:, None] * d)

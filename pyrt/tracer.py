@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from pyrt.doctor import open_device
 from pyrt.errors import UsageError
 from pyrt.geometry import normalisation, valid_triangles
+from pyrt.hit_lists import AllHits, Ints, Part, chunks, in_levels, join, unpack
 from pyrt.layout import dtypes
 from pyrt.pack import round_up
-from pyrt.rays import LocalRays, Rays, localise, make_rays, points
+from pyrt.rays import BATCH, LocalRays, Rays, localise, make_rays, plane_points, points
 from pyrt.tree import build_tree
+
+_ROOM = 8  # hits of a ray that the first pass can list; rays with more are traced again
+_CROWD = 1 << 23  # hits that such a second pass lists at a time, which bounds memory
 
 
 @dataclass(frozen=True)
@@ -97,34 +103,114 @@ class RayTracer:
         rays = make_rays(origins, directions, t_max)
         out = np.empty(len(rays), np.bool_)
         for index, part in rays.batches():
-            self._launch("trace_any", part if self._double else self._localise(part).rays, out[index].view(np.uint8))
+            self._trace("trace_any", part if self._double else self._localise(part).rays, out[index].view(np.uint8))
         return out
+
+    def all_hits(
+        self, origins: ArrayLike, directions: ArrayLike, t_max: ArrayLike = np.inf, max_hits: int | None = None
+    ) -> AllHits:
+        """Every hit with 0 < t < t_max, or the `max_hits` nearest of each ray.
+
+        A ray through an edge or a corner passes through one of the triangles there. Where it touches an outline, it hits
+        twice, in and out; so the number of hits tells inside from outside, unless the ray runs within the plane of a
+        triangle that it touches. No hit is lost on the border of an open mesh. Arguments and errors as for `closest`.
+        """
+        rays = make_rays(origins, directions, t_max)
+        parts: list[Part] = []
+        invalid, ordered = 0, True
+        for index, batch in rays.batches():
+            numbers = np.arange(index.start, index.start + len(batch))
+            found, bad = self._list(batch, numbers, np.full(len(batch), _ROOM, np.uint32), max_hits, parts)
+            invalid += bad
+            crowded = np.flatnonzero(found > _ROOM)
+            ordered &= not len(crowded)
+            for chunk in chunks(found[crowded], _CROWD):
+                which = crowded[chunk]
+                self._list(batch.take(which), numbers[which], found[which], max_hits, parts)
+        return AllHits(*join(parts, ordered), invalid)
+
+    def _list(
+        self, rays: Rays, numbers: Ints, room: NDArray[np.uint32], max_hits: int | None, parts: list[Part]
+    ) -> tuple[NDArray[np.uint32], int]:
+        """Adds the part of the rays with room for their hits; returns how many hits each ray has, and how many rays
+        are invalid."""
+        local = None if self._double else self._localise(rays)
+        starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(room, dtype=np.int64)])
+        found, kept = np.empty((2, len(rays)), np.uint32)
+        hits = np.empty(starts[-1], np.uint64)
+        bad = self._trace("trace_all", local.rays if local else rays, found, kept, hits, extra=[starts])
+        if max_hits is not None:
+            kept = np.minimum(kept, max_hits)
+        ray, place, levels = in_levels(kept, starts)
+        if local:
+            triangle, t_local = unpack(hits[place])
+            t = local.distance(t_local, ray)
+        else:
+            triangle, t = np.empty(len(ray), np.int64), np.empty(len(ray))
+            inputs = [*self._scene[-1:], *_arguments(rays), hits, place, ray]
+            self._launch("trace_unpack", len(ray), inputs, [triangle, t])
+        parts.append(Part((numbers[ray], triangle, t), levels))
+        return found, local.invalid if local else bad
+
+    def locate(
+        self, origins: ArrayLike, directions: ArrayLike, ray: NDArray[np.int64], triangle: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(h, 3) points where the rays numbered `ray` (h,) meet the planes of the triangles (h,) that they hit.
+
+        A point lies on its ray and its plane but for the rounding of float64.
+        """
+        rays = make_rays(origins, directions, np.inf)
+        out = np.empty((len(ray), 3))
+        for start in range(0, len(ray), BATCH):
+            part = slice(start, start + BATCH)
+            o, d = (np.asarray(a[ray[part]], np.float64) for a in (rays.origins, rays.directions))
+            if self._double:
+                inputs = [*self._scene[-1:], self._local_corners, o, d, triangle[part]]
+                self._launch("trace_points", len(o), inputs, [out[part]])
+            else:
+                out[part] = plane_points(self._space, self._local_corners, o, d, triangle[part])
+        return out
+
+    @cached_property
+    def _local_corners(self) -> NDArray[np.float64]:
+        """(m, 3, 3) of all of the caller's triangles; 0 for those that were dropped."""
+        corners = np.zeros((len(self._ids) + self.dropped, 3, 3))
+        corners[self._ids] = self._space.apply(self._corners)
+        return corners
 
     def _closest(self, rays: Rays, t: Any, triangle: Any, u: Any, v: Any) -> int:
         """Fills the arrays, and counts the invalid rays."""
         if self._double:
-            return self._launch("trace_closest", rays, t, triangle, u, v)
+            return self._trace("trace_closest", rays, t, triangle, u, v)
         local = self._localise(rays)
         short = np.empty((3, len(rays)), np.float32)
-        self._launch("trace_closest", local.rays, short[0], triangle, short[1], short[2])
-        t[:], u[:], v[:] = local.distance(short[0], triangle >= 0), short[1], short[2]
+        self._trace("trace_closest", local.rays, short[0], triangle, short[1], short[2])
+        t[:], u[:], v[:] = local.distance(short[0]), short[1], short[2]
         return local.invalid
 
     def _localise(self, rays: Rays) -> LocalRays:
         return localise(rays, self._space, self._bound)
 
-    def _launch(self, kernel: str, rays: Rays, *outputs: NDArray[Any]) -> int:
+    def _trace(self, kernel: str, rays: Rays, *outputs: NDArray[Any], extra: Sequence[NDArray[Any]] = ()) -> int:
         """Runs the kernel on contiguous rays of its own precision, and counts those that it found invalid."""
         invalid = np.zeros(1, np.uint32)
-        arrays = [rays.origins, rays.directions, rays.t_max]
-        stride = np.uint32(rays.t_max.shape != (1,))
-        inputs = [self._device.share(array) for array in arrays]
-        results = [self._device.share(array) for array in (invalid, *outputs)]
-        count = len(rays)
-        self._device.run(self._kernels[kernel], count, np.uint32(count), *self._scene, *inputs, stride, *results)
-        for buffer, array in zip(results, (invalid, *outputs), strict=True):
-            self._device.receive(buffer, array)
+        self._launch(kernel, len(rays), [*self._scene, *_arguments(rays), *extra], [invalid, *outputs])
         return int(invalid[0])
+
+    def _launch(self, kernel: str, count: int, inputs: Sequence[Any], outputs: Sequence[NDArray[Any]]) -> None:
+        """Runs the kernel for `count` items on arrays, buffers and numbers, and fills the outputs."""
+        if count == 0:
+            return
+        share = self._device.share
+        arguments = [share(each) if isinstance(each, np.ndarray) else each for each in inputs]
+        results = [share(array) for array in outputs]
+        self._device.run(self._kernels[kernel], count, np.uint32(count), *arguments, *results)
+        for buffer, array in zip(results, outputs, strict=True):
+            self._device.receive(buffer, array)
+
+
+def _arguments(rays: Rays) -> list[Any]:
+    return [rays.origins, rays.directions, rays.t_max, np.uint32(rays.t_max.shape != (1,))]
 
 
 def _corners(vertices: ArrayLike, triangles: ArrayLike) -> NDArray[np.float64]:

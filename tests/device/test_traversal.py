@@ -199,7 +199,7 @@ def test_the_kernels_themselves_reject_what_is_not_finite():
     tracer._launch(
         "trace_closest", rays, *np.zeros((1, len(rays)), np.float32), ids, *np.zeros((2, len(rays)), np.float32)
     )
-    tracer._launch("trace_any", rays, hidden)
+    tracer._trace("trace_any", rays, hidden)
     assert (ids == -1).all()
     assert not hidden.any()
 
