@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import cache
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -186,6 +187,44 @@ def test_a_million_boxes_that_no_plane_can_part(boxes: Callable[[int], Boxes]) -
     bvh = build(*boxes(10**6))
     assert bvh.depth <= DEPTH
     np.testing.assert_array_equal(np.sort(bvh.blocks[bvh.blocks >= 0]), np.arange(10**6))
+
+
+def work(boxes: Boxes) -> float:
+    """What building takes, by primitive: levels of the binary tree that look at it, and nodes of either tree."""
+    seen = []
+    sides = sah._sides
+
+    def count(chunk: sah._Chunk, *rest: int) -> tuple[sah.Bools, sah.Bools]:
+        seen.append(len(chunk.ids))
+        return sides(chunk, *rest)
+
+    with patch.object(sah, "_sides", count):
+        tree = split(*boxes, DEPTH)
+    return (sum(seen) + len(tree.count) + WIDTH * len(collapse(tree).child)) / len(boxes[0])
+
+
+@cache
+def work_of_triangles(count: int) -> float:
+    return work(triangles(count, count ** (-1 / 3)))
+
+
+HARD = [equal, concentric, nested, mixed, needles, line]
+
+
+@pytest.mark.parametrize("boxes", HARD)
+@pytest.mark.parametrize("count", [20_000, pytest.param(10**6, marks=pytest.mark.slow)])
+def test_hard_boxes_are_at_most_three_times_the_work_of_triangles(boxes: Callable[[int], Boxes], count: int) -> None:
+    """N8, counted: a clock would see what else the machine does."""
+    assert work(boxes(count)) < 3 * work_of_triangles(count)
+
+
+def test_splits_of_one_primitive_at_a_time_would_be_far_more_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    def one_apart(chunk: sah._Chunk, nodes: sah.Bools, right: sah.Bools) -> None:
+        right[np.repeat(nodes, chunk.count)] = True
+        right[sah._starts(chunk.count)[nodes]] = False
+
+    monkeypatch.setattr(sah, "_split_at_medians", one_apart)
+    assert work(equal(1000)) > 10 * work_of_triangles(1000)
 
 
 def spread(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
