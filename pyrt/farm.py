@@ -53,7 +53,8 @@ def render_parallel(
 ) -> Result:
     """Renders a scene file or dict by the workers of any executor, with the same bits as `render`.
 
-    Processes must be spawned, as OpenCL does not survive a fork. Files of the scene must be there for all workers.
+    Processes must be spawned, as OpenCL does not survive a fork. Files of the scene must be there for all workers. Where
+    processes share PoCL's cache of compiled kernels, render the scene once before, as they disturb each other filling it.
 
     Args:
         parts: ranges of samples, one for each worker at best.
