@@ -77,7 +77,7 @@ INLINE Features features_along(const Scene *scene, float3 o, float3 d, int depth
         Hit hit;
         if (!bvh_hit(scene, &ray, false, &hit))
             continue;
-        Surface si = AOV_SURFACE(scene, &ray, &hit);
+        Surface si = surface_at(scene, &ray, &hit, 1u);
         if (HAS_SPECULAR && si.material >= 0 && probe.depth < depth && bsdf_is_specular(&scene->materials[si.material])) {
             Specular s = bsdf_specular(&scene->materials[si.material], &si, probe.d);
             bool split = probe.weight * min1(s.reflectance, 1.0f - s.reflectance) >= NEGLIGIBLE && count + 2 <= MAX_PROBES;
