@@ -23,6 +23,7 @@ import pytest
 import pyrt
 from pyrt import checkpoint
 from pyrt.cli import main
+from pyrt.farm import merge, render_parallel
 from pyrt.partial import read_partial
 from pyrt.result import Result
 
@@ -203,7 +204,7 @@ def test_merged_ranges_have_the_same_bits(scene_file, whole, tmp_path, monkeypat
         assert main(["render", str(scene_file), "-q", "--samples", samples, "-o", f"{samples[0]}.exr"]) == 0
     assert main(["merge", "2.exr", "5.exr", "-o", "tail.exr"]) == 0
     assert main(["merge", "tail.exr", "0.exr", "-o", "all.exr", "-o", "all.png"]) == 0
-    assert_same_bits(pyrt.merge(["all.exr"]), whole)
+    assert_same_bits(merge(["all.exr"]), whole)
     assert "all.exr, all.png: samples 0:37 of each pixel" in capsys.readouterr().err
 
 
@@ -230,19 +231,19 @@ def test_files_that_do_not_fit_are_not_merged(renderer, tmp_path, files, message
 
 def test_threads_of_an_executor_render_the_same_bits(scene_file, whole):
     with ThreadPoolExecutor(1) as executor:
-        assert_same_bits(pyrt.render_parallel(scene_file, executor, 3, spp=SPP), whole)
+        assert_same_bits(render_parallel(scene_file, executor, 3, spp=SPP), whole)
 
 
 @pytest.mark.slow
 def test_processes_of_an_executor_render_the_same_bits(scene_file, whole):
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as executor:
-        assert_same_bits(pyrt.render_parallel(scene_file, executor, 2, spp=SPP), whole)
+        assert_same_bits(render_parallel(scene_file, executor, 2, spp=SPP), whole)
 
 
 @pytest.mark.parametrize("parts", [0, 3])
 def test_more_parts_than_samples_are_refused(scene_file, parts):
     with pytest.raises(pyrt.UsageError, match="parts: expected a whole number from 1 to 2"):
-        pyrt.render_parallel(scene_file, ThreadPoolExecutor(1), parts, spp=2)
+        render_parallel(scene_file, ThreadPoolExecutor(1), parts, spp=2)
 
 
 # Signals and kill -9, in other processes ------------------------------------------------------------------------------
@@ -288,7 +289,7 @@ def test_signals_save_and_exit_with_130(renderer, scene_file, tmp_path, number):
     end = read_partial(file).end
     assert sentences(log) == [f"pyrt: interrupted with {end} of 1000000 samples per pixel; --resume continues"]
     assert sorted(os.listdir(tmp_path)) == ["a.exr", "log"]
-    assert_same_bits(pyrt.merge([file]), renderer.render(end))
+    assert_same_bits(merge([file]), renderer.render(end))
 
 
 @pytest.mark.parametrize("kills", [3, pytest.param(30, marks=pytest.mark.slow)])
@@ -313,7 +314,7 @@ def test_killed_at_any_moment_it_ends_with_the_same_bits(renderer, scene_file, t
     process.join(60)
     assert process.exitcode == 0
     assert os.listdir(folder) == ["a.exr"]
-    assert_same_bits(pyrt.merge([file]), renderer.render(spp))
+    assert_same_bits(merge([file]), renderer.render(spp))
 
 
 # Accidents while rendering --------------------------------------------------------------------------------------------
@@ -384,7 +385,7 @@ def test_the_scenes_files_may_go_once_they_are_loaded(tmp_path, whole, accident)
     file = tmp_path / "a.exr"
     assert main(["render", str(scene), "-q", "--spp", str(SPP), "-o", str(file), "--checkpoint", "0"]) == 0
     assert not folder.exists()
-    assert_same_bits(pyrt.merge([file]), whole)
+    assert_same_bits(merge([file]), whole)
 
 
 def test_the_command_line_wants_an_exr_to_save_to(scene_file, tmp_path, capsys):
