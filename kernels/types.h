@@ -34,6 +34,20 @@ typedef struct {
     int id[BVH_WIDTH];       /* primitive, or -1 */
 } SphereBlock;
 
+/* A node of the binary tree that becomes the BVH, and one that build.cl has to split. */
+typedef struct {
+    float box[6]; /* -low, high */
+    uint count;   /* primitives below */
+    int link;     /* left child, which the right one follows; or of a leaf: ~(place of its first primitive) */
+} BuildNode;
+
+typedef struct {
+    uint first; /* place of the first primitive */
+    uint count;
+    uint depth;
+    uint node;
+} BuildTask;
+
 /* What a bundle of rays may hit: at most one block of triangles, copied together; or `count` < 0: unknown, so traverse.
  * A beam is the camera rays of BEAM_PIXELS consecutive pixels of a pass, a shaft their shadow rays towards one light. */
 #define BEAM_PIXELS 16

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.layout import constants
-from pyrt.sah import BLOCK_SIZE, BinaryTree, split
+from pyrt.sah import BLOCK_SIZE, BinaryTree, Splitter, split
 
 WIDTH = BLOCK_SIZE  # a node has as many children as a block has primitives
 TINY_AREA = 1e-9  # least area of a box, in areas of the root: where there is no area, the fewest nodes are best
@@ -35,10 +35,10 @@ class Bvh:
     cost: float
 
 
-def build(low: NDArray[np.float32], high: NDArray[np.float32]) -> Bvh:
+def build(low: NDArray[np.float32], high: NDArray[np.float32], splitter: Splitter = split) -> Bvh:
     """The tree over n >= 1 primitives with finite bounds (n, 3), |x| < 2^125. The same bounds give the same tree."""
     # One level is left for a root above two trees.
-    return collapse(split(low, high, constants()["BVH_MAX_DEPTH"] - 1))
+    return collapse(splitter(low, high, constants()["BVH_MAX_DEPTH"] - 1))
 
 
 def collapse(tree: BinaryTree) -> Bvh:

@@ -134,6 +134,11 @@ class Device:
         """Samples that a work-item traces side by side, in the lanes of a processor's vector unit."""
         return 8 if self.info.kind == "cpu" else 1
 
+    def check_threads(self, count: int) -> None:
+        """Raises DeviceError unless the device has heard of `limit_threads`."""
+        if not self.info.is_pocl or self.info.kind != "cpu" or self.info.compute_units > count:
+            raise DeviceError(f"{self.info}: expected PoCL's CPU device, first used here, to limit its threads")
+
     @property
     def has_double(self) -> bool:
         """Whether kernels can compute in float64."""
@@ -198,6 +203,13 @@ class Device:
         size = max(-(-items // LOCAL_SIZE) * LOCAL_SIZE, _MIN_GLOBAL_SIZE)
         try:
             kernel(self._queue, (size,), (LOCAL_SIZE,), *args).wait()
+        except self._cl.Error as error:
+            raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
+
+    def run_each(self, kernel: Any, groups: int, *args: Any) -> None:
+        """Runs `groups` work-groups of one work-item each, for few and long tasks, and waits."""
+        try:
+            kernel(self._queue, (groups,), (1,), *args).wait()
         except self._cl.Error as error:
             raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
 

@@ -23,6 +23,7 @@ from pyrt.geometry import (
 )
 from pyrt.layout import constants, dtypes
 from pyrt.pack_lights import pack_lights
+from pyrt.sah import Splitter, split
 from pyrt.scene import (
     Camera,
     CheckerboardTexture,
@@ -54,8 +55,8 @@ class PackedScene:
     report: dict[str, Any]  # counts for `info` and `stats`
 
 
-def pack_scene(scene: Scene) -> PackedScene:
-    """Everything of the scene but its camera (see `pack_camera`)."""
+def pack_scene(scene: Scene, splitter: Splitter = split) -> PackedScene:
+    """Everything of the scene but its camera (see `pack_camera`). `splitter` builds the tree."""
     triangles = gather_triangles(scene)
     spheres = [s for s in scene.shapes if isinstance(s, Sphere)]
     space = normalisation(triangles.corners.reshape(-1, 3), spheres)
@@ -63,7 +64,7 @@ def pack_scene(scene: Scene) -> PackedScene:
     lights, light_of_shape, cdf = pack_lights(scene, triangles, corners, space)
     sphere_array = _pack_spheres(scene, spheres, light_of_shape, space)
     start = perf_counter()
-    tree = build_tree(corners.astype(np.float32), sphere_array)
+    tree = build_tree(corners.astype(np.float32), sphere_array, splitter)
     build_seconds = perf_counter() - start
     textures, texels = _pack_textures(scene)
     corner_array, corner_index = _pack_corners(scene, triangles)
@@ -168,7 +169,7 @@ def _pack_corners(scene: Scene, triangles: Triangles) -> tuple[NDArray[Any], NDA
 
 
 def shape_corners(shape: Shape, source: NDArray[np.int32]) -> NDArray[Any]:
-    """Corners (k,) of a mesh's or rectangle's triangles, by their index in the shape; normals are 0 where it is flat."""
+    """Corners (k,) of triangles of a mesh or rectangle, by their index in it; normals are 0 where it is flat."""
     out = np.zeros(len(source), dtypes()["Corners"])
     if isinstance(shape, Rectangle):
         out["uv"] = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], np.float32)[source]

@@ -2,13 +2,14 @@
 
 After Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007): n primitives cost the surface area
 of their box times ceil(n / 8), because the device tests blocks of 8 at once. Whole chunks of nodes are split at a time,
-each node at the best of the planes between bins on three axes. Large nodes judge their planes by a sample.
+each node at the best of the planes between bins on three axes. kernels/build.cl does the same for large scenes.
 
 A box is six numbers, -low and high: so the union of boxes is one maximum, and their extent one sum.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +20,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 BLOCK_SIZE = 8
-SIZE_CLASSES = (BLOCK_SIZE, 32, 4096)  # nodes of up to 8 primitives, of up to 32 ... are split apart from larger ones
-BINS = (8, 16, 32, 32)  # of each class
-SAMPLE_SIZE = 1024  # primitives that suffice to judge a node's planes
-OUTLIER = np.float32(1 / 32)  # primitives that stick out of the sample's box by this much of its extent join the sample
+SIZE_CLASSES = (BLOCK_SIZE, 32)  # nodes of up to 8 primitives and of up to 32 are split apart from larger ones
+BINS = (8, 16, 32)  # of each class
 CHUNK_NODES = 1024  # nodes split at once: few enough for their bins to stay in the cache
 SMALL_GAIN = 0.8  # a node that fits a block is split if its parts have less than this much of its area
 BALANCE = np.float32(1e-5)  # weight of the difference in count, to decide between planes of equal cost
@@ -36,6 +35,9 @@ class BinaryTree:
     count: NDArray[np.int32]  # (m,): primitives below
     boxes: Floats  # (6, m): -low, high
     leaf: NDArray[np.int32]  # (n,): the leaf of each primitive
+
+
+Splitter = Callable[[Floats, Floats, int], BinaryTree]  # with the arguments of `split`, and the same tree
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def _children(chunk: _Chunk, right: Bools, inner: Bools, first: int) -> list[tup
 
 def _sides(chunk: _Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools]:
     """Whether each primitive goes to the right, and whether each node is split at all."""
-    planes = _best_planes(_sample(chunk), BINS[size_class])
+    planes = _best_planes(chunk, BINS[size_class])
     n = len(chunk.ids)
     index = np.repeat(planes.axis * n, chunk.count) + np.arange(n)
     values = chunk.boxes.ravel()
@@ -162,23 +164,6 @@ def _sides(chunk: _Chunk, size_class: int, max_depth: int) -> tuple[Bools, Bools
     if bad.any():
         _split_at_medians(chunk, bad, right)
     return right, np.ones_like(bad)
-
-
-def _sample(chunk: _Chunk) -> _Chunk:
-    """The same nodes, each with every so many of its primitives and all the outliers."""
-    stride = int(chunk.count.min()) // SAMPLE_SIZE
-    if stride <= 1:
-        return chunk
-    start = _starts(chunk.count)
-    chosen = np.zeros(len(chunk.ids), np.bool_)
-    chosen[::stride] = True
-    box = np.maximum.reduceat(chunk.boxes[:, ::stride], _starts(np.add.reduceat(chosen, start, dtype=np.int64)), axis=1)
-    limit = box + OUTLIER * (box[:3] + box[3:]).max(axis=0)
-    for k in range(6):
-        chosen |= chunk.boxes[k] > np.repeat(limit[k], chunk.count)
-    index = np.flatnonzero(chosen)
-    count = np.add.reduceat(chosen, start, dtype=np.int64)
-    return _Chunk(chunk.boxes.take(index, axis=1), chunk.ids[index], chunk.node, count, chunk.depth)
 
 
 def _split_at_medians(chunk: _Chunk, nodes: Bools, right: Bools) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyrt.device_sah import splitter
 from pyrt.doctor import open_device
 from pyrt.errors import UsageError
 from pyrt.geometry import normalisation, valid_triangles
@@ -75,7 +76,7 @@ class RayTracer:
 
     def _pack(self, corners: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         """The kernels' arrays for normalised (m, 3, 3) corners; blocks hold the caller's numbers of triangles."""
-        tree = build_tree(corners, np.zeros(0, dtypes()["Sphere"]))
+        tree = build_tree(corners, np.zeros(0, dtypes()["Sphere"]), splitter(self._device))
         used = tree.triangle_blocks["id"] >= 0
         tree.triangle_blocks["id"][used] = self._ids[tree.triangle_blocks["id"][used]]
         params = np.zeros((), dtypes()["SceneParams"])

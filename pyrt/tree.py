@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pyrt.bvh import Bvh, build
 from pyrt.layout import constants, dtypes
+from pyrt.sah import Splitter, split
 
 _ULP = 2.0**-24
 
@@ -25,7 +26,7 @@ class Tree:
     depth: int
 
 
-def build_tree(corners: NDArray[np.float32], spheres: NDArray[Any]) -> Tree:
+def build_tree(corners: NDArray[np.float32], spheres: NDArray[Any], splitter: Splitter = split) -> Tree:
     """One tree over (m, 3, 3) triangles and an array of Sphere: a tree of each, under a common root if there are both.
 
     Triangles are primitives 0 … m − 1, spheres follow.
@@ -35,11 +36,11 @@ def build_tree(corners: NDArray[np.float32], spheres: NDArray[Any]) -> Tree:
     triangle_blocks = np.empty(0, dtypes()["TriangleBlock"])
     sphere_blocks = np.empty(0, dtypes()["SphereBlock"])
     if len(corners):
-        part = _part(corners.min(axis=1), corners.max(axis=1), kinds["BLOCK_TRIANGLES"])
+        part = _part(*_triangle_bounds(corners), kinds["BLOCK_TRIANGLES"], splitter)
         triangle_blocks = _triangle_blocks(corners, part.tree.blocks)
         parts.append(part)
     if len(spheres):
-        part = _part(*_sphere_bounds(spheres), kinds["BLOCK_SPHERES"])
+        part = _part(*_sphere_bounds(spheres), kinds["BLOCK_SPHERES"], splitter)
         sphere_blocks = _sphere_blocks(spheres, part.tree.blocks, len(corners))
         parts.append(part)
     nodes, root, depth = _join(parts)
@@ -53,8 +54,8 @@ class _Part:
     extent: NDArray[np.float32]  # (axis, [low, high])
 
 
-def _part(low: NDArray[np.float32], high: NDArray[np.float32], kind: int) -> _Part:
-    return _Part(build(low, high), kind, np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
+def _part(low: NDArray[np.float32], high: NDArray[np.float32], kind: int, splitter: Splitter) -> _Part:
+    return _Part(build(low, high, splitter), kind, np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
 
 
 def _join(parts: list[_Part]) -> tuple[NDArray[Any], int, int]:
@@ -83,6 +84,11 @@ def _join(parts: list[_Part]) -> tuple[NDArray[Any], int, int]:
 def _reference(child: NDArray[np.int32], kind: int, first: int) -> NDArray[np.int32]:
     """The kernels' child reference: inner nodes count on from `first`, a leaf also tells the kind of its block."""
     return np.where(child >= 0, child + first, ~(2 * ~child + kind)).astype(np.int32)
+
+
+def _triangle_bounds(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    a, b, c = corners.transpose(1, 0, 2)
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _triangle_blocks(corners: NDArray[np.float32], blocks: NDArray[np.int32]) -> NDArray[Any]:

@@ -28,6 +28,7 @@ result
 aov
 watch
 adaptive passes doctor checkpoint primitives
+device_sah
 device pack scene_io partial
 pack_lights tree scene_json camera rays hit_lists
 models
