@@ -43,17 +43,26 @@ class Refined:
     dropped: int
 
 
-def refine(trace: Trace, pixels: NDArray[np.uint32], noise: float, max_samples: int) -> Refined:
+def refine(
+    trace: Trace,
+    pixels: NDArray[np.uint32],
+    noise: float,
+    max_samples: int,
+    going: Callable[[], bool],
+    note: Callable[[float], None],
+) -> Refined:
     """Traces pixels (x + 65536 · y) until the picture's error is at most `noise`, or each has `max_samples`.
 
     `trace(pixels, first sample, samples)` gives a film and how many pixels are complete; fewer than asked for ends it.
+    So does `going`, asked between rounds, by returning False. `note` is told the picture's squared relative error
+    whenever that is estimated anew.
     """
     half = min(FIRST_SAMPLES, max_samples + 1) // 2
     sums, count = np.zeros((2, 3, len(pixels))), np.zeros(len(pixels), np.uint32)
     error = np.full(len(pixels), np.inf)  # squared, relative to the pixel's radiance
     active = np.arange(len(pixels))
     dropped, samples, step = 0, 0, half
-    while len(active) and samples + step <= max_samples:
+    while len(active) and samples + step <= max_samples and going():
         film, complete = trace(pixels[active], samples, step)
         done = active[:complete]
         new, new_count = film.totals()[:, :, :complete], film.count[:complete]
@@ -67,6 +76,7 @@ def refine(trace: Trace, pixels: NDArray[np.uint32], noise: float, max_samples: 
         samples += step
         step = samples
         if samples > half:
+            note(float(error.mean()))
             if error.mean() <= noise * noise:
                 break
             active = active[_pooled(pixels, error)[active] > noise * noise]

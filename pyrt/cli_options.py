@@ -101,6 +101,15 @@ def size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT such as 640x480, got "{text}"') from None
 
 
+def crop(text: str) -> tuple[int, int, int, int]:
+    """0,0,320,240 → (0, 0, 320, 240)."""
+    try:
+        x0, y0, x1, y1 = (int(number) for number in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected X0,Y0,X1,Y1 such as 0,0,320,240, got "{text}"') from None
+    return x0, y0, x1, y1
+
+
 def seconds(text: str) -> float:
     """90, 90s, 1.5m or 2h → seconds."""
     number, unit = (text[:-1], text[-1]) if text[-1:] in ("s", "m", "h") else (text, "s")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from typing import TYPE_CHECKING, Any
 
-from pyrt.cli_options import Verbs, add_scene, add_verb, load, sample_range, say, seconds, size, warn
-from pyrt.errors import PyrtError, UsageError
+from pyrt.cli_options import Verbs, add_scene, add_verb, crop, load, sample_range, say, seconds, size, warn
+from pyrt.cli_report import plan, summarise, write_stats
+from pyrt.errors import UsageError
 from pyrt.signals import stop_requests
 
 if TYPE_CHECKING:
-    from pyrt.renderer import Progress, Renderer
+    from pyrt.renderer import Renderer
     from pyrt.result import Result
+    from pyrt.scene import Scene
+    from pyrt.watch import Progress
 
 _STOPPED = 5
 _INTERRUPTED = 130
@@ -24,6 +26,7 @@ _EXAMPLES = """\
   pyrt render example:showcase --spp 256 -o glass.png    a scene that comes with pyrt
   pyrt render scene.json --size 320x240 --set camera.fov=30
   pyrt render scene.json -o a.exr -o a.png --exposure 1  several files from one rendering
+  pyrt render scene.json --aov z,normal,object --crop 0,0,320,240
   pyrt render scene.json --spp 9999 --checkpoint 60s     Ctrl-C saves what is done ...
   pyrt render scene.json --spp 9999 --resume             ... and this goes on from there
 """
@@ -49,17 +52,43 @@ def _add_picture_options(parser: argparse.ArgumentParser) -> None:
         "(default: SCENE.exr and SCENE.png in the current folder)",
     )
     group.add_argument("--size", type=size, metavar="WxH", help="picture size in pixels (default: the scene's)")
+    group.add_argument(
+        "--crop", type=crop, metavar="X0,Y0,X1,Y1", help="render only the pixels X0 ... X1-1, Y0 ... Y1-1"
+    )
+    group.add_argument(
+        "--aov",
+        type=lambda text: text.split(","),
+        default=(),
+        metavar="NAME,...",
+        help="channels beside the picture in EXR files: z, distance, position, normal, uv, object, triangle, material, "
+        "albedo, denoising_albedo, denoising_normal, variance, samples",
+    )
+    group.add_argument(
+        "--denoise", action="store_true", help="remove the noise (needs the package pyoidn); EXR files hold both"
+    )
     group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
+    group.add_argument(
+        "--view", metavar="NAME", help="how PNG and JPEG show what is brighter than white: aces, srgb or raw"
+    )
+    group.add_argument("--float", action="store_true", help="32 bits for the colours of EXR files, not 16")
     group.add_argument("--no-clobber", action="store_true", help="refuse to replace a file")
+    group.add_argument("--dry-run", action="store_true", help="check everything and say what would be done, no more")
 
 
 def _add_sampling_options(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("samples")
-    group.add_argument("--spp", type=int, metavar="N", help="samples per pixel (default: the scene's)")
+    group = parser.add_argument_group("samples", "The first limit reached, of --spp, --noise and --time, ends it.")
+    group.add_argument(
+        "--spp", type=int, metavar="N", help="samples per pixel (default: the scene's; none with --noise or --time)"
+    )
     group.add_argument(
         "--noise", type=float, metavar="E", help="stop at this estimated relative error (r.m.s.), such as 0.01"
     )
-    group.add_argument("--time", type=seconds, metavar="T", help="stop after this time: 90, 90s, 5m or 2h")
+    group.add_argument(
+        "--time",
+        type=seconds,
+        metavar="T",
+        help="stop after rendering this long: 90, 90s, 5m or 2h. Loading and compiling come before, writing after",
+    )
     group.add_argument(
         "--samples",
         type=sample_range,
@@ -78,55 +107,83 @@ def _add_running_options(parser: argparse.ArgumentParser) -> None:
         "--checkpoint",
         type=seconds,
         metavar="T",
-        help=f"save the picture so far every T, such as 60s or 5m, and on Ctrl-C, in the first .exr (default: {_EVERY} s "
-        "with --resume, else never)",
+        help="save the picture so far, in the first .exr: every T, such as 60s or 5m, and on Ctrl-C "
+        f"(default: {_EVERY}s with --resume, else never)",
     )
     group.add_argument(
         "--resume", action="store_true", help="go on from the first .exr, if it is there; the bits will be the same"
     )
+    group.add_argument("--threads", type=int, metavar="N", help="so many of the processor's cores (default: all)")
     group.add_argument("--stats", metavar="FILE", help="write times and counts as JSON; - for standard output")
-    group.add_argument("--progress", choices=("auto", "bar", "json", "none"), default="auto")
-    group.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors and warnings")
+    group.add_argument(
+        "--progress",
+        choices=("auto", "bar", "json", "none"),
+        default="auto",
+        help="on stderr: a bar (auto: only on a terminal), or JSON, one object a line: stage (load, build, compile, "
+        "render, save, done), done (0 to 1) and seconds; of render also samples, rays, rays_per_second, noise, eta",
+    )
+    words = group.add_mutually_exclusive_group()
+    words.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors and warnings")
+    words.add_argument("-v", "--verbose", action="store_true", help="print what each stage took, and what was traced")
 
 
 def _render(args: argparse.Namespace) -> int:
+    _check_outputs(args.output or [], args)
+    if args.dry_run:
+        print(plan(args, *_loaded(args)))
+        return 0
+    if args.threads is not None:
+        from pyrt.toolchain import limit_threads
+
+        limit_threads(args.threads)
     from pyrt.doctor import start_opening
 
-    _check_outputs(args.output or [], args)
     device = start_opening(args.device)  # while the imports and the scene come
     from pyrt.progress import show_progress
     from pyrt.renderer import Renderer
 
-    with show_progress("none" if args.quiet else args.progress) as progress:
-        progress({"stage": "load", "done": 0.0})
-        scene = load(args)
-        outputs = args.output or [f"{scene.name}.exr", f"{scene.name}.png"]
-        _check_outputs(outputs, args)
+    mode = "none" if args.quiet and args.progress == "auto" else args.progress
+    with show_progress(mode, stages=args.verbose) as progress:
+        scene, outputs = _loaded(args)
         checkpoint = _checkpoint(args, outputs)
+        if args.threads is not None:
+            device.result().check_threads(args.threads)
         renderer = Renderer(scene, device.result(), progress=progress)
+        progress({"stage": "render", "done": 0.0, "samples": 0, "rays": 0, "noise": None})
         result = _result(args, renderer, checkpoint, progress)
-    if interrupted := _interrupted(result):
-        say(f"pyrt: {interrupted}")
-        if not result.samples.any():
-            return _INTERRUPTED
-    for path in outputs:
-        for text in result.save(path, exposure=args.exposure):
-            warn(text)
+        if interrupted := _interrupted(result):
+            say(f"pyrt: {interrupted}")
+            if not result.samples.any():
+                return _INTERRUPTED
+        progress({"stage": "save", "done": 0.0})
+        for path in outputs:
+            for text in result.save(path, exposure=args.exposure, view=args.view, half=not args.float):
+                warn(text)
     if args.stats:
-        _write_stats(args.stats, result)
+        write_stats(args.stats, result)
     if interrupted:
         return _INTERRUPTED
     if not args.quiet:
-        _summarise(result, outputs)
+        summarise(result, outputs, args.verbose)
     reached = result.stats["noise"]
     return _STOPPED if args.noise is not None and (reached is None or reached > args.noise) else 0
+
+
+def _loaded(args: argparse.Namespace) -> tuple[Scene, list[str]]:
+    """The scene, and the files to write, after all checks that need no device."""
+    _check_channels(args)
+    scene = load(args)
+    outputs = args.output or [f"{scene.name}.exr", f"{scene.name}.png"]
+    _check_outputs(outputs, args)
+    return scene, outputs
 
 
 def _result(args: argparse.Namespace, renderer: Renderer, checkpoint: str | None, progress: Progress) -> Result:
     """Renders. With a checkpoint, Ctrl-C and SIGTERM end that with what there is so far."""
     limits = {"spp": args.spp, "noise": args.noise, "time_limit": args.time, "samples": args.samples}
+    channels = {"crop": args.crop, "aovs": args.aov, "denoise": args.denoise}
     if checkpoint is None:
-        return renderer.render(seed=args.seed, size=args.size, progress=progress, **limits)
+        return renderer.render(seed=args.seed, size=args.size, progress=progress, **limits, **channels)
     with stop_requests() as stopped:
 
         def report(event: dict[str, Any]) -> bool:
@@ -141,6 +198,7 @@ def _result(args: argparse.Namespace, renderer: Renderer, checkpoint: str | None
             resume=args.resume,
             progress=report,
             **limits,
+            **channels,
         )
 
 
@@ -167,38 +225,17 @@ def _check_outputs(paths: list[str], args: argparse.Namespace) -> None:
     from pyrt.image_io import check_output
 
     for path in paths:
-        check_output(path, args.exposure)
+        check_output(path, args.exposure, args.view)
         if args.no_clobber and os.path.exists(path):
             raise UsageError(f"{path}: exists already, and --no-clobber forbids to replace it")
 
 
-def _write_stats(path: str, result: Result) -> None:
-    text = json.dumps(result.stats, indent=2)
-    if path == "-":
-        print(text)
-        return
-    from pyrt.files import replacing
+def _check_channels(args: argparse.Namespace) -> None:
+    from pyrt.aov import check_aovs
+    from pyrt.denoise import require_denoiser
 
-    try:
-        with replacing(path) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
-
-
-def _summarise(result: Result, outputs: list[str]) -> None:
-    stats, elapsed = result.stats, result.stats["seconds"]["render"]
-    height, width = result.samples.shape
-    dropped = stats["dropped"]
-    for count, what in (
-        (dropped["triangles"], "triangles without area or with bad coordinates"),
-        (dropped["samples"], "samples that were not finite"),
-    ):
-        if count:
-            warn(f"{count} {what} were left out")
-    rate = stats["samples"] / max(elapsed, 1e-9) / 1e6
-    noise = "" if stats["noise"] is None else f", estimated error {stats['noise']:.2g}"
-    say(
-        f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] / (width * height):.4g} spp{noise}, "
-        f"{elapsed:.2f} s at {rate:.1f} M samples/s on {stats['device']}"
-    )
+    check_aovs(args.aov)
+    if args.aov and args.output and not any(path.lower().endswith(".exr") for path in args.output):
+        raise UsageError("--aov: expected an output ending in .exr, which has room for more channels")
+    if args.denoise:
+        require_denoiser()

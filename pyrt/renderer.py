@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -30,35 +30,9 @@ from pyrt.result import Beside, Result
 from pyrt.scene import Scene
 from pyrt.scene_hash import scene_hash
 from pyrt.settings import Window, check_arguments, check_keeping, crop_window
+from pyrt.watch import Progress, Watch
 
 MAX_SAMPLES = 1 << 16  # of a pixel, where noise or time is the limit and spp is not given
-
-Progress = Callable[[dict[str, Any]], Any]
-
-
-@dataclass
-class _Watch:
-    """What happens after each pass: progress is reported, and limits may end the render. Numbers are of samples."""
-
-    report: Progress
-    tally: Tally
-    before: int  # that a resumed render had
-    total: int
-    deadline: float  # on perf_counter's clock
-    at_least: int
-    stopped: bool = False
-
-    def after_pass(self) -> bool:
-        """Whether the render goes on."""
-        samples = self.tally.samples
-        done = (self.before + samples) / self.total
-        event = {"stage": "render", "done": done, "samples": samples, "rays": self.tally.rays}
-        late = perf_counter() >= self.deadline and samples >= self.at_least
-        self.stopped |= self.report(event) is False or late
-        return not self.stopped
-
-    def going(self) -> bool:
-        return not self.stopped
 
 
 class Renderer:
@@ -127,7 +101,7 @@ class Renderer:
             seed: of the sample points, 0 … 2^32 − 1.
             size: (width, height) in pixels; None takes the film's.
             noise: stop when the estimated relative error (root mean square over the picture) is at most this.
-            time_limit: stop after so many seconds, but not before all pixels have 16 samples (or `spp`).
+            time_limit: stop after so many seconds of this call, but not before all pixels have 16 samples (or `spp`).
             samples: (first, end): render only the samples first … end − 1 of the picture, for `merge`.
             checkpoint: EXR file that always holds the picture so far, and the film, from which `resume` goes on. It is
                 written at the end, too, and when anything stops the render.
@@ -140,7 +114,8 @@ class Renderer:
             aovs: names of `aov.AOVS`, what to compute beside the picture.
             denoise: compute `Result.denoised`; needs the package pyoidn.
             pass_samples: samples of one pass, which bounds memory; no influence on the image.
-            progress: called with a dict after every pass; the render stops, with what it has, if that returns False.
+            progress: called after every pass with a dict: stage ("render"), done (0 … 1, of the limit that is nearest),
+                samples, rays and noise (the error so far, or None). The render stops if that returns False.
 
         Raises:
             UsageError: an argument is out of range, or the checkpoint is of another render.
@@ -163,13 +138,15 @@ class Renderer:
             start = begin(self._work(seed, width, height), *(samples or (0, spp)), order)
             if checkpoint is not None:
                 start = open_checkpoint(checkpoint, start, resume, extend)
-        watch = _Watch(
+        watch = Watch(
             report=progress or self._progress,
             tally=Tally(),
             before=0 if start is None else len(pixels) * (start.end - start.first),
             total=len(pixels) * (spp if start is None else start.spp - start.first),
-            deadline=perf_counter() + (time_limit if time_limit is not None else np.inf),
             at_least=len(pixels) * min(spp, FIRST_SAMPLES),
+            start=perf_counter(),
+            time_limit=time_limit if time_limit is not None else np.inf,
+            target=(noise or 0.0) ** 2,
         )
         parameters = self._device.upload("parameters", self._scene_params(width, height))
         channels = self._aovs((*names, *GUIDES) if denoise else names, window, seed, parameters)
@@ -190,7 +167,7 @@ class Renderer:
             result = self._render_rounds(tracer, pixels, start, checkpoint, checkpoint_every, watch, beside)
         else:
             if adaptive:
-                refined = refine(tracer.trace, pixels, noise or 0.0, spp)
+                refined = refine(tracer.trace, pixels, noise or 0.0, spp, watch.going, watch.note_error)
             else:
                 refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
             result = beside.added_to(self._result(refined, shape, watch.tally))
@@ -205,7 +182,7 @@ class Renderer:
         start: Partial,
         checkpoint: str | Path | None,
         every: float,
-        watch: _Watch,
+        watch: Watch,
         beside: Beside,
     ) -> Result:
         def result(partial: Partial) -> Result:

@@ -29,7 +29,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from pyrt.errors import DeviceError
+from pyrt.errors import DeviceError, UsageError
 
 _PREFIX = "pyrt-ld-"
 
@@ -69,6 +69,17 @@ def ensure_linker(pocl_version: str) -> None:
         f"{name[0] if name else 'PoCL'} needs a linker (`ld`) to finish its kernels and found none that works; "
         "run `pip install ziglang` or `apt-get install binutils`"
     )
+
+
+def limit_threads(count: int) -> None:
+    """Make PoCL use so many threads in this process: call it before the first look for platforms, which reads this.
+
+    Raises:
+        UsageError: not even one.
+    """
+    if count < 1:
+        raise UsageError(f"threads: expected a whole number > 0, got {count}")
+    os.environ["POCL_MAX_PTHREAD_COUNT"] = os.environ["POCL_CPU_MAX_CU_COUNT"] = str(count)  # PoCL 3 and 4, and 5 on
 
 
 def ensure_cache() -> None:

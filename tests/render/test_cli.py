@@ -42,8 +42,14 @@ def test_several_outputs_stats_and_quiet(tmp_path, capsys):
 def test_json_progress_is_one_event_a_line(tmp_path, capsys):
     assert main(["render", SCENE, *SMALL, "--progress", "json", "-o", str(tmp_path / "a.png")]) == 0
     events = [json.loads(line) for line in capsys.readouterr().err.splitlines() if line.startswith("{")]
-    assert [event["stage"] for event in events] == ["load", "build", "compile", "render"]
-    assert events[-1]["done"] == 1.0
+    keys = {"stage", "done", "seconds"}
+    more = {"samples", "rays", "rays_per_second", "noise", "eta"}
+    stages = ["load", "build", "compile", "render", "render", "save", "done"]
+    assert [event["stage"] for event in events] == stages
+    assert [set(event) for event in events] == [keys | more if stage == "render" else keys for stage in stages]
+    assert [event["done"] for event in events] == [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0]
+    assert [event["seconds"] for event in events] == sorted(event["seconds"] for event in events)
+    assert (events[4]["samples"], events[4]["noise"], events[4]["eta"]) == (16 * 12, None, 0.0)
 
 
 def test_no_clobber_keeps_the_old_file(tmp_path, capsys):

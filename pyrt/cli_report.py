@@ -1,0 +1,77 @@
+"""What `pyrt render` tells about a render: what it would do, what it did, and how long that took."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from pyrt.cli_options import say, warn
+from pyrt.errors import PyrtError
+
+if TYPE_CHECKING:
+    from pyrt.result import Result
+    from pyrt.scene import Scene
+
+
+def plan(args: argparse.Namespace, scene: Scene, outputs: list[str]) -> str:
+    """The text of --dry-run. Raises UsageError for what the render itself would refuse."""
+    from pyrt.info import scene_report
+    from pyrt.renderer import MAX_SAMPLES
+    from pyrt.scene import Film
+    from pyrt.settings import check_arguments, crop_window
+
+    width, height = args.size or (scene.film.width, scene.film.height)
+    limits = [] if args.noise is None else [f"an error of {args.noise:g}"]
+    limits += [] if args.time is None else [f"{args.time:g} s"]
+    spp = args.spp if args.spp is not None else MAX_SAMPLES if limits else scene.spp
+    check_arguments(spp, args.seed, width, height, 1, args.noise, args.time)
+    window = crop_window(args.crop, width, height)
+    replaced = [path for path in outputs if os.path.exists(path)]
+    lines = [
+        scene_report(replace(scene, film=Film(width, height), spp=spp)),
+        f"stop at    {', or '.join([*limits, f'{spp} samples per pixel'])}",
+        f"pixels     {window.x1 - window.x0}x{window.y1 - window.y0}, seed {args.seed}",
+        f"write      {', '.join(outputs)}" + f", replacing {', '.join(replaced)}" * bool(replaced),
+    ]
+    return "\n".join(lines)
+
+
+def write_stats(path: str, result: Result) -> None:
+    """Writes times and counts as JSON; - is standard output. Raises PyrtError if that fails."""
+    text = json.dumps(result.stats, indent=2)
+    if path == "-":
+        print(text)
+        return
+    from pyrt.files import replacing
+
+    try:
+        with replacing(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
+
+
+def summarise(result: Result, outputs: list[str], verbose: bool) -> None:
+    """Says in a line what was rendered; with `verbose` also what was traced."""
+    stats, elapsed = result.stats, result.stats["seconds"]["render"]
+    height, width = result.samples.shape
+    dropped = stats["dropped"]
+    for count, what in (
+        (dropped["triangles"], "triangles without area or with bad coordinates"),
+        (dropped["samples"], "samples that were not finite"),
+    ):
+        if count:
+            warn(f"{count} {what} were left out")
+    if verbose:
+        for name in ("rays", "skipped"):
+            say(f"{name:<8} " + ", ".join(f"{count:,} {what.replace('_', ' ')}" for what, count in stats[name].items()))
+        say(f"features {', '.join(macro for macro, on in stats['features'].items() if on) or 'none'}")
+    rate = stats["samples"] / max(elapsed, 1e-9) / 1e6
+    noise = "" if stats["noise"] is None else f", estimated error {stats['noise']:.2g}"
+    say(
+        f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] / (width * height):.4g} spp{noise}, "
+        f"{elapsed:.2f} s at {rate:.1f} M samples/s on {stats['device']}"
+    )
