@@ -206,6 +206,13 @@ class Device:
         except self._cl.Error as error:
             raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
 
+    def run_each(self, kernel: Any, groups: int, *args: Any) -> None:
+        """Runs `groups` work-groups of one work-item each, for few and long tasks, and waits."""
+        try:
+            kernel(self._queue, (groups,), (1,), *args).wait()
+        except self._cl.Error as error:
+            raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
+
     @contextmanager
     def mapped(self, buffer: Any, shape: tuple[int, ...], dtype: Any) -> Iterator[NDArray[Any]]:
         """The buffer's content as an array, valid inside the `with`; no copy where host and device share memory."""

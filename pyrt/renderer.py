@@ -19,6 +19,7 @@ from pyrt.camera import film_plane
 from pyrt.checkpoint import accumulate, begin, open_checkpoint
 from pyrt.denoise import denoised, require_denoiser
 from pyrt.device import Device
+from pyrt.device_sah import splitter
 from pyrt.doctor import open_device
 from pyrt.features import build_options, feature_table
 from pyrt.geometry import Triangles, gather_triangles
@@ -61,11 +62,11 @@ class Renderer:
         self._features = feature_table(scene)
         self._progress({"stage": "build", "done": 0.0})
         start = perf_counter()
-        self._packed = pack_scene(scene)
+        self._device = device if isinstance(device, Device) else open_device(device)
+        self._packed = pack_scene(scene, splitter(self._device))
         self._seconds["build"] = perf_counter() - start
         self._progress({"stage": "compile", "done": 0.0})
         start = perf_counter()
-        self._device = device if isinstance(device, Device) else open_device(device)
         self._beams = beams
         shape = [f"-DHAS_BEAMS={int(beams)}", f"-DPACKET={self._device.packet}"]
         options = [*build_options(self._features, everything=all_features), *shape, *build_flags]
