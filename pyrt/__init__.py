@@ -12,7 +12,18 @@ from typing import TYPE_CHECKING, Any
 from pyrt.errors import DeviceError, PyrtError, SceneError, UsageError
 
 if TYPE_CHECKING:
-    from pyrt.api import AllHits, Hits, RayMeshIntersector, RayTracer, Renderer, Result, load_scene, render
+    from pyrt.api import (
+        AllHits,
+        Hits,
+        RayMeshIntersector,
+        RayTracer,
+        Renderer,
+        Result,
+        load_scene,
+        merge,
+        render,
+        render_parallel,
+    )
 
 __version__ = "0.1.0"
 
@@ -29,7 +40,9 @@ __all__ = [
     "UsageError",
     "__version__",
     "load_scene",
+    "merge",
     "render",
+    "render_parallel",
 ]
 
 

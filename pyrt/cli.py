@@ -13,11 +13,11 @@ import sys
 from collections.abc import Sequence
 from typing import TextIO
 
-from pyrt import __version__, cli_device, cli_image, cli_merge, cli_render, cli_scene
+from pyrt import __version__, cli_denoise, cli_device, cli_image, cli_merge, cli_render, cli_scene
 from pyrt.cli_options import EXIT_CODES, nearest, say
 from pyrt.errors import PyrtError, SceneError
 
-_VERBS = (cli_render, cli_merge, cli_image, cli_scene, cli_device)  # in the order of --help
+_VERBS = (cli_render, cli_merge, cli_image, cli_denoise, cli_scene, cli_device)  # in the order of --help
 
 _EXAMPLES = """examples:
   pyrt render example:cornell                   writes cornell.exr and cornell.png

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.util import find_spec
 
 import numpy as np
@@ -16,6 +17,17 @@ def require_denoiser() -> None:
     """Raises UsageError, one sentence with the command that helps, if pyoidn is not installed."""
     if find_spec("pyoidn") is None:
         raise UsageError("denoise: expected the package pyoidn, which is not installed; run: pip install pyoidn")
+
+
+def stored_guides(planes: Mapping[str, Image]) -> tuple[Image, Image] | None:
+    """Albedo and normal, (height, width, 3), of an EXR file's channels: those for denoising, else those of the first
+    surface, else None."""
+    for albedo, normal in (("denoising_albedo", "denoising_normal"), ("albedo", "N")):
+        names = [f"{albedo}.{c}" for c in "RGB"] + [f"{normal}.{c}" for c in "XYZ"]
+        if set(names) <= set(planes):
+            both = np.stack([planes[name] for name in names], axis=2)
+            return both[..., :3], both[..., 3:]
+    return None
 
 
 def denoised(image: Image, albedo: Image | None = None, normal: Image | None = None) -> Image:

@@ -1,4 +1,4 @@
-"""Writing image files by OpenImageIO: channels, header, and where in a larger picture the pixels lie."""
+"""Image files by OpenImageIO: channels, header, and where in a larger picture the pixels lie."""
 
 from __future__ import annotations
 
@@ -6,19 +6,78 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyrt.errors import UsageError
 from pyrt.exr_state import StatePart, state_spec, write_state
-from pyrt.settings import Window
+from pyrt.settings import MAX_PIXELS, Window
 
 MAX_HALF = 65504.0
 _MAX_ID = 1 << 23  # OpenImageIO converts through float32: up to here, and 0xffffffff, whole numbers stay what they are
 _ROWS = 64  # written at a time, which bounds memory; EXR compresses 16 together
 
 Attribute = str | int | float | NDArray[np.float64]  # an array: a 4×4 matrix
+
+
+class Layers(NamedTuple):
+    """What an EXR file holds: as `write_exr` takes it."""
+
+    pixels: NDArray[np.float32]  # (height, width, 3)
+    planes: dict[str, NDArray[Any]]  # (height, width) float32 or uint32, by channel
+    metadata: dict[str, Attribute]
+    half: bool
+    window: Window
+
+
+def read_exr(path: str | os.PathLike[str]) -> Layers:
+    """All channels of an EXR file's first part, and of the header what OpenImageIO does not write by itself.
+
+    Raises:
+        UsageError: no such file, not readable as an EXR file with channels R, G and B, or with more than 2^28 pixels.
+    """
+    import OpenImageIO as oiio
+
+    if not (is_utf8(os.fspath(path)) and os.path.isfile(path)):
+        raise UsageError(f"{path}: expected an EXR file, found none")
+    file = oiio.ImageInput.open(os.fspath(path))
+    if file is None:
+        raise UsageError(f"{path}: not a readable image: {first_line(oiio.geterror())}")
+    spec = file.spec()
+    names = list(spec.channelnames)
+    if file.format_name() != "openexr" or spec.deep:
+        raise UsageError(f"{path}: expected {'a flat' if spec.deep else 'an'} EXR file, found {file.format_name()}")
+    if not {"R", "G", "B"} <= set(names):
+        raise UsageError(f"{path}: expected channels R, G and B, found {', '.join(names)}")
+    if spec.width * spec.height > MAX_PIXELS:
+        raise UsageError(f"{path}: expected at most 2^28 pixels, found {spec.width} x {spec.height}")
+    whole = [i for i in range(len(names)) if str(spec.channelformat(i)) == "uint"]
+    stored = file.read_image("float")
+    exact: list[Any] = [file.read_image(0, 0, i, i + 1, "uint") for i in whole]
+    if stored is None or any(plane is None for plane in exact):
+        raise UsageError(f"{path}: not a readable image: {first_line(file.geterror())}")
+    planes: dict[str, NDArray[Any]] = {name: stored[..., i] for i, name in enumerate(names)}
+    planes |= {names[i]: plane[..., 0] for i, plane in zip(whole, exact, strict=True)}
+    pixels = np.stack([planes.pop(name) for name in "RGB"], axis=2)
+    half = str(spec.channelformat(names.index("R"))) == "half"
+    window = Window(spec.x, spec.y, spec.x + spec.width, spec.y + spec.height, spec.full_width, spec.full_height)
+    return Layers(pixels, planes, _attributes(spec), half, window)
+
+
+def _attributes(spec: Any) -> dict[str, Attribute]:
+    own = {"DateTime", "compression", "screenWindowCenter", "screenWindowWidth"}
+    found: dict[str, Attribute] = {}
+    for attribute in spec.extra_attribs:
+        name, value = attribute.name, attribute.value
+        if name in own or name.startswith(("oiio:", "openexr:")):
+            continue
+        if isinstance(value, tuple) and len(value) == 16:
+            found[name] = np.array(value, np.float64).reshape(4, 4)
+        elif isinstance(value, str | int | float):
+            found[name] = value
+    return found
 
 
 def write_exr(
@@ -100,6 +159,11 @@ def date() -> dict[str, str]:
     """The header's date: SOURCE_DATE_EPOCH if that is set, so that files can be reproduced, else now."""
     seconds = int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))
     return {"DateTime": time.strftime("%Y:%m:%d %H:%M:%S", time.gmtime(seconds))}
+
+
+def is_utf8(path: str) -> bool:
+    """Whether OpenImageIO can take the name; Python's file functions take any."""
+    return path.isascii() or not any("\ud800" <= c <= "\udfff" for c in path)
 
 
 def first_line(message: str) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.exr_state import StatePart
 from pyrt.files import check_file, replacing
-from pyrt.image_file import Attribute, date, first_line, image_spec, write_exr, write_file
+from pyrt.image_file import Attribute, date, first_line, image_spec, is_utf8, write_exr, write_file
 from pyrt.image_tools import check_view, viewed
 from pyrt.settings import Window
 
@@ -112,7 +112,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[NDArray[Any], Any]:
     import OpenImageIO as oiio
 
     check_file(path)
-    if not _is_utf8(os.fspath(path)):
+    if not is_utf8(os.fspath(path)):
         raise SceneError(f"{path}: expected a name that can be written as UTF-8")
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)  # else the colours of PNG come multiplied by alpha
@@ -166,7 +166,7 @@ def check_output(path: str | os.PathLike[str], exposure: float = 0.0, view: str 
     extensions = sorted(_DISPLAY | _LINEAR)
     if target.suffix.lower() not in extensions:
         raise UsageError(f"{path}: expected a name ending in {', '.join(extensions)}")
-    if not _is_utf8(os.path.realpath(target)):
+    if not is_utf8(os.path.realpath(target)):
         raise UsageError(f"{path}: expected a name, in folders, that can be written as UTF-8")
     if os.path.isdir(target):  # unlike Path.is_dir, no error for a name that is too long
         raise UsageError(f"{path}: expected a file name, found a folder")
@@ -247,8 +247,3 @@ def _write_display(path: Path, pixels: Image, view: str | None) -> None:
         "jpeg:subsampling": "4:4:4",
     }
     write_file(path, image_spec(encoded.shape, "uint8", attributes), iter([encoded]))
-
-
-def _is_utf8(path: str) -> bool:
-    """Whether OpenImageIO can take the name; Python's file functions take any."""
-    return path.isascii() or not any("\ud800" <= c <= "\udfff" for c in path)

@@ -113,7 +113,6 @@ class Beside:
             "pyrt:device": result.stats["device"],
             "worldToCamera": world_to_camera(plane),
             "worldToNDC": world_to_ndc(plane, *size),
-            "PixelAspectRatio": 1.0,
         }
         if "SOURCE_DATE_EPOCH" not in os.environ:
             out["pyrt:seconds"] = float(sum(result.stats["seconds"].values()))

@@ -1,0 +1,50 @@
+"""`pyrt denoise`."""
+
+from __future__ import annotations
+
+import argparse
+
+from pyrt.cli_options import Verbs, add_verb, warn
+
+_EXAMPLES = """\
+  pyrt render scene.json --denoise                               the same while rendering: scene.exr and scene.png
+  pyrt render scene.json --aov denoising_albedo,denoising_normal
+  pyrt denoise scene.exr -o clean.exr                            keeps all channels, adds denoised.R, .G and .B
+  pyrt denoise scene.exr -o clean.png --exposure 1
+"""
+
+
+def add_verbs(verbs: Verbs) -> None:
+    """Declares `denoise`."""
+    text = "remove the noise of a rendered picture (needs the package pyoidn)"
+    parser = add_verb(verbs, "denoise", "IN", _denoise, text, _EXAMPLES)
+    parser.add_argument("input", metavar="IN", help="an EXR file, best with denoising_albedo and denoising_normal")
+    parser.add_argument("-o", "--output", metavar="OUT", required=True, help="picture to write, format by extension")
+    parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
+
+
+def _denoise(args: argparse.Namespace) -> int:
+    from pyrt.denoise import denoised, require_denoiser, stored_guides
+    from pyrt.image_file import read_exr
+    from pyrt.image_io import check_output, write_image
+
+    require_denoiser()
+    check_output(args.output, args.exposure)
+    layers = read_exr(args.input)
+    guides = stored_guides(layers.planes)
+    if guides is None:
+        warn(f"{args.input}: it has no channels denoising_albedo and denoising_normal, which keep details")
+    clean = denoised(layers.pixels, *(guides or ()))
+    exr = args.output.lower().endswith(".exr")
+    planes = layers.planes | {f"denoised.{c}": clean[..., i] for i, c in enumerate("RGB")}
+    for text in write_image(
+        args.output,
+        layers.pixels if exr else clean,
+        exposure=args.exposure,
+        metadata=layers.metadata,
+        planes=planes,
+        half=layers.half,
+        window=layers.window,
+    ):
+        warn(text)
+    return 0
