@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -78,18 +79,18 @@ def _plain(value: Any) -> Any:
 
 
 def override(raw: dict[str, Any], path: str, value: Any) -> None:
-    """Sets `raw` at a dotted path: keys and array indices, such as `objects.0.translate`.
+    """Sets `raw` at a dotted path: keys and array indices, such as `objects.0.translate` or `objects[0].translate`.
 
     Missing keys are added, for validation to judge; only entries (a texture, an object) have to be there.
     Raises SceneError for a path into something that is not there.
     """
     if not path.isprintable():
         raise SceneError(f"{path!a} holds characters that cannot be printed")
-    *parents, last = path.split(".")
+    *parents, last = re.sub(r"\[(\d+)\]", r".\1", path).split(".")
     node: Any = raw
     for depth, step in enumerate(parents):
         if isinstance(node, dict) and not (depth == 1 and parents[0] in CONTAINERS):
-            node.setdefault(step, {})
+            node.setdefault(step, [] if depth == 0 and step in ("lights", "objects") else {})
         node = node[_key(node, path, parents[:depth], step)]
     key = last if isinstance(node, dict) else _key(node, path, parents, last)
     node[key] = plain(value)
@@ -105,5 +106,6 @@ def _key(node: Any, path: str, above: list[str], step: str) -> str | int:
     if not isinstance(node, list):
         raise SceneError(f"{where}, which is {quote(node)}")
     if not (step.isdecimal() and int(step) < len(node)):
-        raise SceneError(f"{where}, which has {len(node)} entries")
+        expected = f"; expected an index from 0 to {len(node) - 1}" if node else ", which is empty"
+        raise SceneError(where + expected)
     return int(step)

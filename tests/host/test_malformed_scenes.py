@@ -483,8 +483,12 @@ def test_images_with_values_that_are_not_finite(tmp_path: Path) -> None:
         ("camera.fow", 3, 'camera.fow: unknown key; did you mean "fov"?'),
         ("camra.fov", 3, 'camra: unknown key; did you mean "camera"?'),
         ("camera.fov.x", 3, 'camera.fov.x: no "x" in camera.fov, which is 19.5'),
-        ("objects.9.radius", 1, 'objects.9.radius: no "9" in objects, which has 4 entries'),
-        ("objects.x.radius", 1, 'objects.x.radius: no "x" in objects, which has 4 entries'),
+        ("objects.9.radius", 1, 'objects.9.radius: no "9" in objects; expected an index from 0 to 3'),
+        ("objects.x.radius", 1, 'objects.x.radius: no "x" in objects; expected an index from 0 to 3'),
+        ("objects[9].radius", 1, 'objects[9].radius: no "9" in objects; expected an index from 0 to 3'),
+        ("objects.-1.radius", 1, 'objects.-1.radius: no "-1" in objects; expected an index from 0 to 3'),
+        ("objects.-1", 1, 'objects.-1: no "-1" in objects; expected an index from 0 to 3'),
+        ("camera.position.3", 1, 'camera.position.3: no "3" in camera.position; expected an index from 0 to 2'),
         ("textures.gray.color", [0, 0, 0], 'textures.gray.color: no "gray" in textures; did you mean "grey"?'),
         ("objects.0.light.radiance", [1], "objects[0].light.radiance: expected 3 numbers from 0 to 1e30, got [1]"),
         ("camera.fov", object(), "expected numbers, strings, lists or dicts, got a value of type object"),
@@ -493,6 +497,13 @@ def test_images_with_values_that_are_not_finite(tmp_path: Path) -> None:
 )
 def test_malformed_overrides(path: str, value: Any, problem: str, tmp_path: Path) -> None:
     assert problems_of(changed({}), tmp_path, overrides={path: value}) == [f"scene: {problem}"]
+
+
+def test_an_override_of_an_entry_where_there_are_none_is_one_problem(tmp_path: Path) -> None:
+    scene = changed({})
+    del scene["lights"]
+    found = problems_of(scene, tmp_path, overrides={"lights.0.flux": [1, 1, 1]})
+    assert found == ['scene: lights.0.flux: no "0" in lights, which is empty']
 
 
 def test_every_problem_of_file_and_overrides_at_once(tmp_path: Path) -> None:

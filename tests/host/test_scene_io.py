@@ -267,7 +267,8 @@ def test_overrides(folder: Path) -> None:
         "camera.fov": 40,
         "film.resolution": (64, 32),
         "film.filter.radius": 2,
-        "objects.0.translate": [0, 0, 7],
+        "objects[0].translate": [0, 0, 6],
+        "objects.0.translate.2": 7,
         "integrator": {"spp": 5},
         "materials.m.color": [1, 1, 1],
     }
