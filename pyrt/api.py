@@ -33,10 +33,30 @@ def render(
 ) -> Result:
     """Renders a scene, a dict in the scene format, or a scene file. Arguments as for `Renderer` and its `render`."""
     if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+        scene = load_scene(scene, size=size)
     return Renderer(scene, device, progress=progress).render(
         spp, seed, size, noise=noise, time_limit=time_limit, crop=crop, aovs=aovs, denoise=denoise
     )
+
+
+def from_trimesh(geometry: Any, *, overrides: Mapping[str, Any] | None = None) -> Scene:
+    """The scene of a trimesh.Trimesh or trimesh.Scene, with a camera, a floor and lamps as far as it has none.
+
+    It takes places, colours and base-colour images; of a trimesh.Scene also the camera and the point lights that it has
+    been given. Vertices where faces meet at less than 40 degrees are shaded smoothly.
+
+    Args:
+        geometry: the mesh or scene, which stays as it is.
+        overrides: as for `load_scene`, such as {"film.resolution": [640, 480], "camera.ref_up": [0, 0, 1]}; the second
+            makes the floor, the lamps and the picture stand on the xy plane.
+
+    Raises:
+        UsageError: `geometry` is something else.
+        SceneError: it holds no triangle, or an override makes no sense.
+    """
+    from pyrt.model_io import model_of_trimesh
+
+    return load_scene(model_of_trimesh(geometry), overrides=overrides)
 
 
 __all__ = [
@@ -46,6 +66,7 @@ __all__ = [
     "RayTracer",
     "Renderer",
     "Result",
+    "from_trimesh",
     "load_scene",
     "merge",
     "render",

@@ -46,7 +46,9 @@ def add_verb(
 
 
 def add_scene(
-    parser: argparse.ArgumentParser, metavar: str = "SCENE", text: str = "a scene file, or example:NAME"
+    parser: argparse.ArgumentParser,
+    metavar: str = "SCENE",
+    text: str = "a scene file, a model (GLB, glTF, OBJ, PLY, STL, OFF), or example:NAME",
 ) -> None:
     """Adds SCENE and --set, which `load` reads."""
     parser.add_argument("scene", metavar=metavar, help=text)
@@ -63,7 +65,7 @@ def load(args: argparse.Namespace) -> Scene:
     """The scene that the options name; its warnings go to stderr."""
     from pyrt.scene_io import load_scene
 
-    scene = load_scene(args.scene, overrides=dict(args.set or ()))
+    scene = load_scene(args.scene, overrides=dict(args.set or ()), size=getattr(args, "size", None))
     for text in scene.warnings:
         warn(text)
     return scene

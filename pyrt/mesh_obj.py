@@ -1,7 +1,7 @@
 """Reads Wavefront OBJ: polygons, whose corners name their position, texture coordinates and normal by number.
 
-The format's other elements (curves, groups, materials) carry no geometry that pyrt uses. A reader of our own, because
-importing trimesh takes longer than a small picture.
+The format's curves and groups are not read. A reader of our own, because importing trimesh takes longer than a small
+picture.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ class ObjData(NamedTuple):
     uvs: NDArray[np.float64]  # (k, 2)
     normals: NDArray[np.float64]  # (l, 3)
     corners: NDArray[np.int64]  # (m, 3 corners, 3 tables)
+    colors: NDArray[np.float64] | None  # (n, 3) of the positions, as stored
+    materials: dict[str, NDArray[np.int64]]  # rows of the triangles of each, "" for those without one
+    libraries: tuple[str, ...]  # files that define the materials
     warnings: tuple[str, ...]
 
 
@@ -39,7 +42,8 @@ class _Lines:
 
     tables: dict[bytes, list[bytes]] = field(default_factory=lambda: {name.encode(): [] for name in _TABLES})
     faces: list[bytes] = field(default_factory=list)
-    materials: bool = False
+    materials: dict[int, str] = field(default_factory=lambda: {0: ""})  # by the number of the first face
+    libraries: list[str] = field(default_factory=list)
 
 
 def read_obj(content: bytes) -> ObjData:
@@ -47,11 +51,20 @@ def read_obj(content: bytes) -> ObjData:
     lines = _sorted(content)
     tables = [_table(*of) for of in zip(lines.tables.values(), _COLUMNS, strict=True)]
     polygons = _polygons(lines.faces)
-    corners = _triangles([rows for rows in polygons if rows[1].shape[1] >= 3])
+    places, corners = _triangles([rows for rows in polygons if rows[1].shape[1] >= 3])
     for of, name, table in zip(corners.reshape(-1, 3).T, _TABLES, tables, strict=True):
         if of.max(initial=-1) >= len(table):
             raise ValueError(f"a face refers to {name} {of.max() + 1}, there are {len(table)}")
-    return ObjData(tables[0], tables[1], tables[2], corners, tuple(_warnings(lines, polygons, corners)))
+    return ObjData(
+        tables[0],
+        tables[1],
+        tables[2],
+        corners,
+        _colors(lines.tables[b"v"]),
+        _rows_by_material(lines.materials, places),
+        tuple(lines.libraries),
+        tuple(_warnings(polygons, corners)),
+    )
 
 
 def _sorted(content: bytes) -> _Lines:
@@ -64,7 +77,9 @@ def _sorted(content: bytes) -> _Lines:
         elif key == b"f":
             lines.faces.append(_absolute(values, lines) if b"-" in values else values)
         elif key == b"usemtl":
-            lines.materials = True
+            lines.materials[len(lines.faces)] = values.strip().decode("utf-8", "replace")
+        elif key == b"mtllib":
+            lines.libraries.append(values.strip().decode("utf-8", "replace"))
     return lines
 
 
@@ -124,22 +139,39 @@ def _polygons(faces: list[bytes]) -> list[tuple[NDArray[np.int64], NDArray[np.in
     return groups
 
 
-def _triangles(polygons: list[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> NDArray[np.int64]:
-    """All polygons as fans, in the order of the file."""
+def _triangles(
+    polygons: list[tuple[NDArray[np.int64], NDArray[np.int64]]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All polygons as fans, in the order of the file: their places there, and corners."""
     places, triangles = [np.empty(0, np.int64)], [np.empty((0, 3, 3), np.int64)]
     for place, indices in polygons:
         for last in range(2, indices.shape[1]):
             places.append(place)
             triangles.append(indices[:, [0, last - 1, last]])
-    return np.concatenate(triangles)[np.argsort(np.concatenate(places), kind="stable")]
+    of_triangle = np.concatenate(places)
+    order = np.argsort(of_triangle, kind="stable")
+    return of_triangle[order], np.concatenate(triangles)[order]
 
 
-def _warnings(lines: _Lines, polygons: list[Any], corners: NDArray[np.int64]) -> list[str]:
+def _colors(rows: list[bytes]) -> NDArray[np.float64] | None:
+    """The numbers behind the positions, an extension of the format, if all rows have them."""
+    if not rows or any(len(row.split()) < 6 for row in rows):
+        return None
+    return np.clip(_table(rows, 6)[:, 3:], 0, 1)
+
+
+def _rows_by_material(materials: dict[int, str], places: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+    starts, names = np.array(list(materials)), list(materials.values())
+    of_triangle = np.searchsorted(starts, places, side="right") - 1
+    rows: dict[str, list[NDArray[np.int64]]] = {}
+    for i in np.unique(of_triangle):
+        rows.setdefault(names[i], []).append(np.flatnonzero(of_triangle == i))
+    return {name: np.concatenate(parts) for name, parts in rows.items()}
+
+
+def _warnings(polygons: list[Any], corners: NDArray[np.int64]) -> list[str]:
     uvs, normals = (corners[:, :, k].min(axis=1) >= 0 for k in (1, 2))
-    colors = any(len(row.split()) >= 6 for row in lines.tables[b"v"][:1])
     return [
-        *["its materials are not used"] * lines.materials,
-        *["its colours are not used"] * colors,
         *["its faces with fewer than 3 corners are dropped"] * any(of.shape[1] < 3 for _, of in polygons),
         *["its texture coordinates do not cover every face"] * bool(uvs.any() > uvs.all()),
         *["its normals do not cover every face"] * bool(normals.any() > normals.all()),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,7 +23,7 @@ from pyrt.image_io import read_texture
 from pyrt.mesh_data import MeshData, transformed
 from pyrt.mesh_io import FORMATS, load_mesh
 from pyrt.model import Model
-from pyrt.models import load_model
+from pyrt.model_io import load_model
 from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.schema_errors import json_path, quote, suggestion, validate
@@ -76,6 +76,7 @@ def load_scene(
     *,
     base_dir: str | os.PathLike[str] | None = None,
     overrides: Mapping[str, Any] | None = None,
+    size: tuple[int, int] | None = None,
 ) -> scene.Scene:
     """Loads a scene.
 
@@ -87,6 +88,7 @@ def load_scene(
             one.
         overrides: values by dotted path, such as {"camera.fov": 40, "objects.0.translate": [0, 1, 0]}, set before
             validation.
+        size: width and height of the picture that a model is framed for; None: the film's resolution.
 
     Raises:
         SceneError: with one sentence per problem, each starting with the file and the JSON path.
@@ -101,7 +103,8 @@ def load_scene(
     loading.problems += [f"{loading.place}: {problem}" for problem in problems]
     result = _scene(loading, raw, model, indices, name)
     if loading.model is not None and not loading.problems and any(model.camera.ref_up):
-        result = completed(result, set(model.camera.model_fields_set), _has_lights(model))
+        film = scene.Film(*size) if size is not None and min(size) > 0 else result.film
+        result = completed(replace(result, film=film), set(model.camera.model_fields_set), _has_lights(model))
     loading.problems += [f"{loading.place}: camera.{key}: {fault}" for key, fault in camera_faults(result.camera)]
     if loading.problems:
         raise SceneError(loading.problems)

@@ -18,8 +18,6 @@ from pyrt.scene import Camera, ConstantTexture, Diffuse, Film, Mesh, PointLight,
 FOV = 28.0  # degrees
 _AZIMUTH, _ELEVATION = 30.0, 24.0  # degrees, of the camera from the model's front
 _MARGIN = 1.12  # room around the model
-_MIRROR_STEPS = 3  # the centre of the picture moves the picture's edges
-_MAX_POINTS = 200_000  # that decide what fits into the picture
 
 _FLOOR_COLOR = (0.5, 0.5, 0.5)
 _FLOOR_SIZE = 60.0  # radii of the model
@@ -79,18 +77,15 @@ def _points(scene: Scene) -> NDArray[np.float64]:
     parts = [np.zeros((0, 3))]
     for shape in scene.shapes:
         if isinstance(shape, Mesh):
-            valid = valid_triangles(shape.vertices[shape.triangles])
-            parts.append(shape.vertices[np.unique(shape.triangles[valid])])
+            used = np.zeros(len(shape.vertices), bool)
+            used[shape.triangles[valid_triangles(shape.vertices[shape.triangles])]] = True
+            parts.append(shape.vertices[used])
         elif isinstance(shape, Sphere):
             parts.append(shape.center + shape.radius * np.concatenate([np.eye(3), -np.eye(3)]))
         elif isinstance(shape, Rectangle):
             ends = np.multiply.outer([-0.5, 0.5], [shape.edge1, shape.edge2])
             parts.append((shape.center + ends[:, None, 0] + ends[None, :, 1]).reshape(-1, 3))
-    points = np.concatenate(parts)
-    if len(points) <= _MAX_POINTS:
-        return points
-    extremes = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
-    return points[np.concatenate([extremes, np.arange(0, len(points), len(points) // _MAX_POINTS)])]
+    return np.concatenate(parts)
 
 
 def _frame(points: NDArray[np.float64], up: NDArray[np.float64]) -> _Frame:
@@ -114,14 +109,19 @@ def _framed(camera: Camera, film: Film, points: NDArray[np.float64], frame: _Fra
     up = np.cross(away, right)
     tan_y = np.tan(np.radians(camera.fov) / 2) / _MARGIN
     tan_x = tan_y * film.width / film.height / camera.stretch
-    for _ in range(_MIRROR_STEPS):
-        x, y, z = ((points - target) @ axis for axis in (right, up, away))
-        distance = max(float((z + np.abs(x) / tan_x).max()), float((z + np.abs(y) / tan_y).max()))
-        if "look_at" not in given:
-            seen_x, seen_y = x / (distance - z), y / (distance - z)
-            shift = right * (seen_x.max() + seen_x.min()) + up * (seen_y.max() + seen_y.min())
-            target = target + shift * distance / 2
-    return replace(camera, position=_vec3(target + away * distance), look_at=_vec3(target))
+    x, y, z = ((points - target) @ axis for axis in (right, up, away))
+    (side, far_x), (lift, far_y) = _fitting(x, z, tan_x), _fitting(y, z, tan_y)
+    if "look_at" in given:
+        side, far_x, lift, far_y = 0.0, float((z + np.abs(x) / tan_x).max()), 0.0, float((z + np.abs(y) / tan_y).max())
+    target = target + side * right + lift * up
+    return replace(camera, position=_vec3(target + max(far_x, far_y) * away), look_at=_vec3(target))
+
+
+def _fitting(x: NDArray[np.float64], z: NDArray[np.float64], tangent: float) -> tuple[float, float]:
+    """Where a camera that looks along -z has to stand, in x and at least in z, to see all points at up to an angle
+    from its axis: between the two lines at that angle that touch the points."""
+    right, left = float((x + tangent * z).max()), float((x - tangent * z).min())
+    return (right + left) / 2, (right - left) / (2 * tangent)
 
 
 def _floor(points: NDArray[np.float64], frame: _Frame, material: int) -> Rectangle:

@@ -27,18 +27,19 @@ renderer tracer
 result
 aov
 watch
-adaptive passes doctor checkpoint primitives
+passes doctor checkpoint primitives
+adaptive
 device_sah
-device pack scene_io partial
+device pack scene_io partial_file
 pack_lights tree scene_json camera rays hit_lists
-models
+model_io
 gltf_scene
 mesh_io studio model smooth
 gltf_mesh
 gltf
 gltf_schema
-features geometry bvh image_io schema_errors scene_hash
-scene_camera schema sah procedural mesh_data mesh_obj image_file
+features geometry bvh image_io schema_errors scene_hash partial
+scene_camera schema sah procedural mesh_data mesh_obj mtl image_file
 schema_camera
 scene layout settings files toolchain schema_types exr_state film signals image_tools denoise
 errors
