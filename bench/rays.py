@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyrt
-from bench import peers_embree, peers_mitsuba
+from bench import dropin, peers_embree, peers_mitsuba
 from bench.measure import interleaved, paired_ratio
 from bench.report import Outcome, Table, number
 from bench.scenes import shipped, soup
@@ -31,11 +31,13 @@ def run(quick: bool, repeats: int) -> Outcome:
     rows: list[tuple[str, ...]] = []
     figures: dict[str, float] = {}
     data = {}
+    incoherent = {}
     for label, name in SCENES.items():
         print(f"rays: {label}", file=sys.stderr)
         scene = shipped(name)
         mesh = soup(scene)
         beams = {"coherent": camera_rays(scene.camera, side), "incoherent": random_rays(mesh[0], side**2)}
+        incoherent[label] = mesh, beams["incoherent"]
         for kind, rays in beams.items():
             seconds = _measure(mesh, rays, kind == "coherent", repeats)
             for query in QUERIES:
@@ -60,7 +62,9 @@ def run(quick: bool, repeats: int) -> Outcome:
         "Embree through embreex traces one ray at a time on one core, with float32 numpy in and out.",
     )
     columns = ("Mrays/s", KERNEL, WHOLE, MITSUBA, EMBREE, "kernel / Mitsuba")
-    return Outcome((Table("Ray rates", columns, tuple(rows), notes),), figures, data)
+    speed, rates = dropin.speed(incoherent, repeats)
+    lost, misses = dropin.lost_hits()
+    return Outcome((Table("Ray rates", columns, tuple(rows), notes), speed, lost), figures | rates | misses, data)
 
 
 def _row(seconds: dict[str, list[float]], count: int) -> dict[str, float]:

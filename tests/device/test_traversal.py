@@ -196,7 +196,7 @@ def test_the_kernels_themselves_reject_what_is_not_finite():
     batch[-1, 3:] = 0.0
     rays = Rays(np.ascontiguousarray(batch[:, :3]), np.ascontiguousarray(batch[:, 3:]), np.float32([np.inf]))
     ids, hidden = np.zeros(len(rays), np.int32), np.ones(len(rays), np.uint8)
-    tracer._launch(
+    tracer._trace(
         "trace_closest", rays, *np.zeros((1, len(rays)), np.float32), ids, *np.zeros((2, len(rays)), np.float32)
     )
     tracer._trace("trace_any", rays, hidden)
