@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,17 @@ class Result:
             window=self.window,
             state=state_part(self.partial) if self.partial is not None else None,
         )
+
+    def __repr__(self) -> str:
+        height, width, _ = self.image.shape
+        return f"<Result {width}x{height}, {self.samples.mean():.4g} spp>"
+
+    def _repr_png_(self) -> bytes:
+        """The picture as a PNG file, which notebooks show in place of the result."""
+        with TemporaryDirectory() as folder:
+            path = Path(folder, "result.png")
+            self.save(path)
+            return path.read_bytes()
 
 
 @dataclass(frozen=True)
