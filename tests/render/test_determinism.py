@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_pass_size_of_adaptive_sampling(renderer):
     np.testing.assert_array_equal(once.image, often.image)
 
 
-@pytest.mark.parametrize("local_size", [128, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8, 32))])
+@pytest.mark.parametrize("local_size", [128, *(pytest.param(n, marks=pytest.mark.slow) for n in (8, 16, 32))])
 def test_work_group_size(expected, renderer, local_size, monkeypatch):
     for module in ("device", "passes"):
         monkeypatch.setattr(f"pyrt.{module}.LOCAL_SIZE", local_size)
@@ -80,8 +81,7 @@ def test_order_of_the_faces(expected, renderer, seed):
     assert digest(another(renderer, scene)) == expected
 
 
-@pytest.mark.parametrize("first", [1, 8, 12, 23])
-def test_merged_sample_ranges(expected, renderer, first, monkeypatch):
+def merge_ranges(monkeypatch: pytest.MonkeyPatch, first: int) -> None:
     """Samples [0, first) and [first, n) traced apart, as if by two processes, and their films merged."""
     trace = SampleTracer.trace
 
@@ -91,6 +91,11 @@ def test_merged_sample_ranges(expected, renderer, first, monkeypatch):
         return tail.merge(head), len(pixels)
 
     monkeypatch.setattr(SampleTracer, "trace", trace_halves)
+
+
+@pytest.mark.parametrize("first", [1, 8, 12, 23])
+def test_merged_sample_ranges(expected, renderer, first, monkeypatch):
+    merge_ranges(monkeypatch, first)
     assert digest(renderer) == expected
 
 
@@ -114,17 +119,47 @@ def test_another_seed_gives_other_bits(expected, renderer):
     assert digest(renderer, seed=1) != expected
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("pass->first_sample + s;", "s;"),
-        pytest.param("hash_uint(pixel ^", "hash_uint((Uint)(g) ^", marks=pytest.mark.slow),
-    ],
-)
-def test_samples_that_depend_on_the_pass_are_noticed(old, new):
+def renderer_with(old: str, new: str) -> pyrt.Renderer:
+    """Of a small scene, with kernels that break the rule that a sample depends on nothing but its pixel and index."""
     text = (kernel_dir() / "render.cl").read_text(encoding="utf-8")
     assert text.count(old) == 1
     with kernels(files={"render.cl": text.replace(old, new)}):
-        renderer = pyrt.Renderer(pyrt.load_scene("example:cornell"))
-    assert digest(renderer) != digest(renderer, pass_samples=13)
+        return pyrt.Renderer(pyrt.load_scene("example:cornell"))
 
+
+def test_samples_that_depend_on_the_pass_are_noticed(monkeypatch):
+    weak = renderer_with("pass->first_sample + s;", "s;")
+    whole = digest(weak)
+    assert digest(weak, pass_samples=13) != whole
+    merge_ranges(monkeypatch, 12)
+    assert digest(weak) != whole
+
+
+def test_samples_that_depend_on_their_order_are_noticed(monkeypatch):
+    weak = renderer_with("hash_uint(pixel ^", "hash_uint((Uint)(g) ^")
+    whole = digest(weak)
+    monkeypatch.setattr("pyrt.passes._TILE", 7)
+    assert digest(weak) != whole
+
+
+@pytest.mark.slow
+def test_samples_that_depend_on_their_work_group_are_noticed(monkeypatch):
+    def weak() -> pyrt.Renderer:
+        return renderer_with("hash_uint(pixel ^", "hash_uint((Uint)((uint)get_group_id(0)) ^")
+
+    whole = digest(weak())
+    for module in ("device", "passes"):
+        monkeypatch.setattr(f"pyrt.{module}.LOCAL_SIZE", 128)
+    assert digest(weak()) != whole
+
+
+def test_an_order_of_faces_that_decides_ties_is_noticed(renderer):
+    """Each face of a mesh twice, with its own normals and with others: the lower number is seen."""
+    ball = SCENE.shapes[2]
+    triangles = np.concatenate([ball.triangles, ball.triangles])
+    normals = np.zeros((len(triangles), 3, 3), np.float32)
+    normals[: len(ball.triangles)] = (0.0, 1.0, 0.0)
+    normals[len(ball.triangles) :] = (0.6, 0.8, 0.0)
+    twice = replace(ball, triangles=triangles, normals=normals, uvs=None)
+    scene = replace(SCENE, shapes=(*SCENE.shapes[:2], twice, *SCENE.shapes[3:]))
+    assert digest(another(renderer, scene)) != digest(another(renderer, shuffled(scene, 1)))
