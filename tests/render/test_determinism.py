@@ -135,6 +135,7 @@ def test_samples_that_depend_on_the_pass_are_noticed(monkeypatch):
     assert digest(weak) != whole
 
 
+@pytest.mark.slow
 def test_samples_that_depend_on_their_order_are_noticed(monkeypatch):
     weak = renderer_with("hash_uint(pixel ^", "hash_uint((Uint)(g) ^")
     whole = digest(weak)
