@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.film import Film
+from pyrt.partial import DONE, SETTLED, WAITING, Adaptive
 
 FIRST_SAMPLES = 16
+_PART = 1 << 26  # samples between two chances to save
 _RADIANCE_FLOOR = 0.01  # squared; below a tenth, errors count in absolute terms
 
 Trace = Callable[[NDArray[np.uint32], int, int], tuple[Film, int]]
@@ -46,42 +48,58 @@ class Refined:
 def refine(
     trace: Trace,
     pixels: NDArray[np.uint32],
+    state: Adaptive,
     noise: float,
     max_samples: int,
     going: Callable[[], bool],
     note: Callable[[float], None],
+    save: Callable[[], object],
 ) -> Refined:
     """Traces pixels (x + 65536 · y) until the picture's error is at most `noise`, or each has `max_samples`.
 
     `trace(pixels, first sample, samples)` gives a film and how many pixels are complete; fewer than asked for ends it.
-    So does `going`, asked between rounds, by returning False. `note` is told the picture's squared relative error
-    whenever that is estimated anew.
+    So does `going` by returning False. `note` is told the picture's squared relative error whenever that is estimated
+    anew. `save` may keep the `state`, from which a later call goes on to the same bits.
     """
     half = min(FIRST_SAMPLES, max_samples + 1) // 2
-    sums, count = np.zeros((2, 3, len(pixels))), np.zeros(len(pixels), np.uint32)
-    error = np.full(len(pixels), np.inf)  # squared, relative to the pixel's radiance
-    active = np.arange(len(pixels))
-    dropped, samples, step = 0, 0, half
-    while len(active) and samples + step <= max_samples and going():
-        film, complete = trace(pixels[active], samples, step)
-        done = active[:complete]
-        new, new_count = film.totals()[:, :, :complete], film.count[:complete]
-        if samples:
-            error[done] = _squared_error(sums[0][:, done], count[done], new[0], new_count)
-        sums[:, :, done] += new
-        count[done] += new_count
-        dropped += film.dropped
-        if complete < len(active):
-            break
-        samples += step
-        step = samples
-        if samples > half:
-            note(float(error.mean()))
-            if error.mean() <= noise * noise:
+    while going():
+        if state.samples > half and not (state.stage == DONE).any():  # between rounds
+            note(float(state.error.mean()))
+            if state.error.mean() <= noise * noise:
                 break
-            active = active[_pooled(pixels, error)[active] > noise * noise]
-    known = error[np.isfinite(error)]
-    return Refined(sums, count, float(np.sqrt(known.mean())) if len(known) else None, dropped)
+            state.stage[_pooled(pixels, state.error) <= noise * noise] = SETTLED
+        step = state.samples or half
+        waiting = np.flatnonzero(state.stage == WAITING)[: max(1, _PART // step)]
+        if not len(waiting) or state.samples + step > max_samples:
+            break
+        film, complete = trace(pixels[waiting], state.samples, step)
+        _add(state, waiting[:complete], film)
+        if not (state.stage == WAITING).any():
+            state.samples += step
+            state.stage[state.stage == DONE] = WAITING
+        save()
+    return summary(state)
+
+
+def summary(state: Adaptive) -> Refined:
+    """What the state holds."""
+    known = state.error[np.isfinite(state.error)]
+    return Refined(state.sums, state.count, float(np.sqrt(known.mean())) if len(known) else None, state.dropped)
+
+
+def _add(state: Adaptive, done: NDArray[np.intp], film: Film) -> None:
+    """Adds the film's first pixels to the state's pixels `done`, which begins and ends with the marks of that."""
+    new, new_count = film.totals()[:, :, : len(done)], film.count[: len(done)]
+    if state.samples:
+        error = _squared_error(state.sums[0][:, done], state.count[done], new[0], new_count)
+    state.torn = True
+    if state.samples:
+        state.error[done] = error
+    state.sums[:, :, done] += new
+    state.count[done] += new_count
+    state.dropped += film.dropped
+    state.stage[done] = DONE
+    state.torn = False
 
 
 def _squared_error(

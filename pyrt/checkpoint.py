@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyrt.adaptive import FIRST_SAMPLES, Trace
 from pyrt.errors import UsageError
 from pyrt.files import remove_leftovers
 from pyrt.film import Film
 from pyrt.image_io import check_output
-from pyrt.partial import Partial, Work, read_partial
+from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work
+from pyrt.partial_file import read_adaptive, read_partial
 
 # Each round costs a look ahead with beams, and a stop loses the current one. Rounds begin with about so many samples,
 # and double while they take less than a second, or than an eighth of the render so far and of the time between writes.
@@ -23,7 +25,7 @@ _ROUND_SECONDS = 1.0
 _ROUNDS = 8
 _SHARE = 20  # so many times what writing took passes before the next write, or more
 
-Trace = Callable[[NDArray[np.uint32], int, int], tuple[Film, int]]
+Kept = Partial | PartialAdaptive
 
 
 def begin(work: Work, first: int, end: int, order: NDArray[np.intp]) -> Partial:
@@ -31,25 +33,66 @@ def begin(work: Work, first: int, end: int, order: NDArray[np.intp]) -> Partial:
     return Partial(work, first, first, end, Film.empty(len(order)), order)
 
 
-def open_checkpoint(path: str | os.PathLike[str], start: Partial, resume: bool, extend: bool) -> Partial:
+def begin_adaptive(work: Work, noise: float, spp: int, order: NDArray[np.intp]) -> PartialAdaptive:
+    """An adaptive render that has no samples yet; see `PartialAdaptive`."""
+    return PartialAdaptive(work, noise, spp, Adaptive.empty(len(order)), order)
+
+
+def open_checkpoint(path: str | os.PathLike[str], start: Kept, resume: bool, extend: bool) -> Kept:
     """Makes ready to write the file; returns what the render has to begin with: `start`, or with `resume` what the file
     holds, if there is one. That goes on to the sample `start.spp`, or, unless `extend`, as far as it was to reach.
 
     Raises:
-        UsageError: nothing can be written there; see `read_partial`; or the file's samples begin elsewhere or are more.
+        UsageError: nothing can be written there; see `read_partial`; or the file is of another kind of render, or holds
+            more samples.
     """
     check_output(path)
     remove_leftovers(path)
     if not resume or not os.path.exists(path):
         return start
-    partial = read_partial(path, start.work, start.order)
-    if partial.first != start.first:
-        raise UsageError(f"{path}: its samples begin with {partial.first}, expected {start.first}")
-    if not extend:
-        return partial
-    if partial.end > start.spp:
-        raise UsageError(f"{path}: it holds samples up to {partial.end} already, expected at most {start.spp}")
-    return replace(partial, spp=start.spp)
+    if isinstance(start, Partial):
+        partial: Kept = _same_range(path, read_partial(path, start.work, start.order), start, extend)
+    else:
+        partial = _same_target(path, read_adaptive(path, start.work, start.order), start, extend)
+    return replace(partial, spp=start.spp) if extend else partial
+
+
+def _same_range(path: str | os.PathLike[str], found: Partial, start: Partial, extend: bool) -> Partial:
+    if found.first != start.first:
+        raise UsageError(f"{path}: its samples begin with {found.first}, expected {start.first}")
+    if extend and found.end > start.spp:
+        raise UsageError(f"{path}: it holds samples up to {found.end} already, expected at most {start.spp}")
+    return found
+
+
+def _same_target(
+    path: str | os.PathLike[str], found: PartialAdaptive, start: PartialAdaptive, extend: bool
+) -> PartialAdaptive:
+    if found.noise != start.noise:
+        raise UsageError(f"{path}: it is rendered to the noise {found.noise:g}, expected {start.noise:g}")
+    if extend and found.spp != start.spp and min(found.spp, start.spp) < FIRST_SAMPLES:
+        raise UsageError(f"{path}: it is rendered with at most {found.spp} samples, expected {start.spp}")
+    return found
+
+
+@dataclass
+class Saver:
+    """Calls `write` after `every` seconds or more, so that it takes at most a twentieth of the time (0: always)."""
+
+    write: Callable[[], None]
+    every: float
+    cost: float = 0.0
+    last: float = field(default_factory=lambda: perf_counter())
+
+    def save_if_due(self) -> bool:
+        """Whether it was."""
+        start = perf_counter()
+        if start - self.last < (self.every and max(self.every, _SHARE * self.cost)):
+            return False
+        self.write()
+        self.last = perf_counter()
+        self.cost = self.last - start
+        return True
 
 
 def accumulate(
@@ -63,12 +106,11 @@ def accumulate(
     """Traces the samples that `partial` still lacks, as long as it is `going`.
 
     `trace(pixels, first sample, samples)` gives a film and how many pixels are complete: fewer if it was stopped.
-    `save` gets what there is after `every` seconds or more, so that it takes at most a twentieth of the time (0: after
-    every round), and at the end, whatever ends it: an exception too, which then goes on.
+    `save` gets what there is every so often (see `Saver`), and at the end, whatever ends it: an exception too, which
+    then goes on.
     """
     step = 1 << (_FIRST_ROUND // len(pixels) | 1).bit_length() - 1
-    begun = last_save = perf_counter()
-    saved, cost = partial.end, 0.0
+    saver, begun, saved = Saver(lambda: save(partial), every), perf_counter(), partial.end
     try:
         while partial.end < partial.spp and going():
             start = perf_counter()
@@ -80,10 +122,8 @@ def accumulate(
             now = perf_counter()
             if now - start < max(_ROUND_SECONDS, min(every, now - begun) / _ROUNDS):
                 step *= 2
-            if partial.end < partial.spp and now - last_save >= (every and max(every, _SHARE * cost)):
-                save(partial)
-                last_save = perf_counter()
-                saved, cost = partial.end, last_save - now
+            if partial.end < partial.spp and saver.save_if_due():
+                saved = partial.end
     finally:
         if partial.end > saved:
             save(partial)

@@ -39,7 +39,5 @@ def _merge(args: argparse.Namespace) -> int:
     for path in args.output:
         for text in result.save(path, exposure=args.exposure):
             warn(text)
-    partial = result.partial
-    if partial is not None:
-        say(f"{', '.join(args.output)}: samples {partial.first}:{partial.end} of each pixel")
+    say(f"{', '.join(args.output)}: {result.samples.max()} samples per pixel")
     return 0

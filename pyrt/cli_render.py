@@ -150,11 +150,10 @@ def _render(args: argparse.Namespace) -> int:
             device.result().check_threads(args.threads)
         renderer = Renderer(scene, device.result(), progress=progress)
         progress({"stage": "render", "done": 0.0, "samples": 0, "rays": 0, "noise": None})
-        result = _result(args, renderer, checkpoint, progress)
-        if interrupted := _interrupted(result):
-            say(f"pyrt: {interrupted}")
-            if not result.samples.any():
-                return _INTERRUPTED
+        result, interrupted = _result(args, renderer, checkpoint, progress)
+        if interrupted and not result.samples.any():
+            say("pyrt: interrupted before the first samples")
+            return _INTERRUPTED
         progress({"stage": "save", "done": 0.0})
         for path in outputs:
             for text in result.save(path, exposure=args.exposure, view=args.view, half=not args.float):
@@ -162,6 +161,7 @@ def _render(args: argparse.Namespace) -> int:
     if args.stats:
         write_stats(args.stats, result)
     if interrupted:
+        say(f"pyrt: interrupted with {result.samples.mean():.4g} samples per pixel; --resume continues")
         return _INTERRUPTED
     if not args.quiet:
         summarise(result, outputs, args.verbose)
@@ -178,19 +178,21 @@ def _loaded(args: argparse.Namespace) -> tuple[Scene, list[str]]:
     return scene, outputs
 
 
-def _result(args: argparse.Namespace, renderer: Renderer, checkpoint: str | None, progress: Progress) -> Result:
-    """Renders. With a checkpoint, Ctrl-C and SIGTERM end that with what there is so far."""
+def _result(
+    args: argparse.Namespace, renderer: Renderer, checkpoint: str | None, progress: Progress
+) -> tuple[Result, bool]:
+    """Renders. With a checkpoint, Ctrl-C and SIGTERM end that with what there is so far; and whether they did."""
     limits = {"spp": args.spp, "noise": args.noise, "time_limit": args.time, "samples": args.samples}
     channels = {"crop": args.crop, "aovs": args.aov, "denoise": args.denoise}
     if checkpoint is None:
-        return renderer.render(seed=args.seed, size=args.size, progress=progress, **limits, **channels)
+        return renderer.render(seed=args.seed, size=args.size, progress=progress, **limits, **channels), False
     with stop_requests() as stopped:
 
         def report(event: dict[str, Any]) -> bool:
             progress(event)
             return not stopped()
 
-        return renderer.render(
+        result = renderer.render(
             seed=args.seed,
             size=args.size,
             checkpoint=checkpoint,
@@ -200,6 +202,8 @@ def _result(args: argparse.Namespace, renderer: Renderer, checkpoint: str | None
             **limits,
             **channels,
         )
+        partial = result.partial
+        return result, stopped() and partial is not None and partial.traced() < partial.total()
 
 
 def _checkpoint(args: argparse.Namespace, outputs: list[str]) -> str | None:
@@ -209,16 +213,6 @@ def _checkpoint(args: argparse.Namespace, outputs: list[str]) -> str | None:
     if found is None and (keep or args.samples):
         raise UsageError("--checkpoint, --resume, --samples: expected an output ending in .exr, which can be continued")
     return found if keep else None
-
-
-def _interrupted(result: Result) -> str:
-    """What became of a render that a signal stopped, or "" if none did."""
-    partial = result.partial
-    if partial is None or partial.end == partial.spp:
-        return ""
-    if not result.samples.any():
-        return "interrupted before the first samples"
-    return f"interrupted with {partial.end} of {partial.spp} samples per pixel; --resume continues"
 
 
 def _check_outputs(paths: list[str], args: argparse.Namespace) -> None:

@@ -9,8 +9,9 @@ from functools import reduce
 from itertools import pairwise
 
 from pyrt.errors import UsageError
-from pyrt.partial import Partial, merge_order, read_header, read_partial
+from pyrt.partial import Partial, merge_order
 from pyrt.partial import merge as add
+from pyrt.partial_file import read_header, read_partial
 from pyrt.renderer import Renderer, partial_result
 from pyrt.result import Result
 from pyrt.scene_io import Source, load_scene
@@ -37,7 +38,7 @@ def render_samples(
     """The unit of work: the film of some samples of a scene file or dict. It may run in another process, which loads
     the scene for itself."""
     partial = Renderer(load_scene(scene), device).render(seed=seed, size=size, samples=samples).partial
-    assert partial is not None
+    assert isinstance(partial, Partial)
     return partial
 
 
@@ -53,8 +54,9 @@ def render_parallel(
 ) -> Result:
     """Renders a scene file or dict by the workers of any executor, with the same bits as `render`.
 
-    Processes must be spawned, as OpenCL does not survive a fork. Files of the scene must be there for all workers. Where
-    processes share PoCL's cache of compiled kernels, render the scene once before, as they disturb each other filling it.
+    Processes must be spawned, as OpenCL does not survive a fork. Files of the scene must be there for all workers.
+    Where processes share PoCL's cache of compiled kernels, render the scene once before: they disturb each other
+    filling it.
 
     Args:
         parts: ranges of samples, one for each worker at best.

@@ -1,34 +1,25 @@
-"""Partial renders: films of a range of samples, that can be continued, merged and kept in EXR files.
-
-Such a file is a picture of the samples so far, with a second part that holds the film's float64 sums bit for bit, so
-that what is continued or merged has the bits of a render in one go. The part is an image of 32-bit words without
-compression: planes of one double per pixel, row by row, first the number of each pixel's samples, then the six sums of
-each of the film's nodes, and at last a row with the CRC-32 of all that and of the header.
-"""
+"""Partial renders, which can be continued and merged: films of a range of samples, and adaptive renders so far."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from pyrt.errors import UsageError
-from pyrt.exr_state import StatePart, read_state
-from pyrt.film import Film, node_keys
+from pyrt.film import Film
 from pyrt.layout import kernel_dir
 
 Side = Annotated[int, Field(ge=1, le=1 << 16)]
 Seed = Annotated[int, Field(ge=0, lt=1 << 32)]
 Index = Annotated[int, Field(ge=0, le=1 << 30)]
-Plane = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -60,13 +51,63 @@ class Partial:
     film: Film
     order: NDArray[np.intp]
 
+    def traced(self) -> int:
+        """Samples of all pixels together."""
+        return len(self.order) * (self.end - self.first)
+
+    def total(self) -> int:
+        """How many they will be."""
+        return len(self.order) * (self.spp - self.first)
+
+
+WAITING, DONE, SETTLED = range(3)  # stages of a pixel: in this round, until the next one, for good
+
+
+@dataclass
+class Adaptive:
+    """An adaptive render so far; arrays are over its pixels.
+
+    Attributes:
+        sums: (2, 3, pixels), of the samples and of their squares.
+        count: samples of each pixel.
+        error: squared, relative to the pixel's radiance; infinite where it is not known.
+        stage: of each pixel, see above.
+        samples: of each pixel that is not settled, before this round.
+        dropped: samples that were not finite.
+        torn: an exception has left the arrays at odds.
+    """
+
+    sums: NDArray[np.float64]
+    count: NDArray[np.uint32]
+    error: NDArray[np.float64]
+    stage: NDArray[np.uint8]
+    samples: int = 0
+    dropped: int = 0
+    torn: bool = False
+
+    @classmethod
+    def empty(cls, pixels: int) -> Adaptive:
+        sums, count = np.zeros((2, 3, pixels)), np.zeros(pixels, np.uint32)
+        return cls(sums, count, np.full(pixels, np.inf), np.full(pixels, WAITING, np.uint8))
+
 
 @dataclass(frozen=True)
-class _Header:
-    format: Literal[1]
+class PartialAdaptive:
+    """An adaptive render to the error `noise`, with at most `spp` samples of a pixel; `order` as in `Partial`."""
+
     work: Work
-    samples: tuple[Index, Index]
-    spp: Index
+    noise: float
+    spp: int
+    state: Adaptive
+    order: NDArray[np.intp]
+
+    def traced(self) -> int:
+        """Samples of all pixels together."""
+        return int(self.state.count.sum())
+
+    def total(self) -> int:
+        """How many they will be at most."""
+        return len(self.order) * self.spp
 
 
 def kernels_hash() -> str:
@@ -106,89 +147,3 @@ def merge_order(parts: Mapping[str, tuple[Work, int, int]]) -> list[str]:
 def merge(a: Partial, b: Partial) -> Partial:
     """One film of both: b's samples follow a's, and both are of the same work and order of pixels."""
     return replace(a, end=b.end, spp=max(a.spp, b.spp), film=a.film.merge(b.film))
-
-
-def state_part(partial: Partial) -> StatePart:
-    """What `image_io.write_image` stores beside the picture."""
-    header = TypeAdapter(_Header).dump_json(_Header(1, partial.work, (partial.first, partial.end), partial.spp))
-    rows = _rows(partial.first, partial.end, partial.work.height)
-    return StatePart(header.decode(), rows, 2 * partial.work.width, _blocks(partial, header))
-
-
-def _rows(first: int, end: int, height: int) -> int:
-    return (1 + 6 * len(list(node_keys(first, end - first)))) * height + 1
-
-
-def _blocks(partial: Partial, header: bytes) -> Iterator[NDArray[np.uint32]]:
-    width, height = partial.work.width, partial.work.height
-    check = zlib.crc32(header)
-    for plane in _planes(partial):
-        picture = plane[partial.order]
-        check = zlib.crc32(picture.data, check)
-        yield picture.view(np.uint32).reshape(height, 2 * width)
-    yield np.full((1, 2 * width), check, np.uint32)
-
-
-def _planes(partial: Partial) -> Iterator[Plane]:
-    yield partial.film.count.astype(np.float64)
-    nodes = partial.film.nodes()
-    for key in node_keys(partial.first, partial.end - partial.first):
-        yield from nodes[key].reshape(6, -1)
-
-
-def read_header(path: str | os.PathLike[str]) -> tuple[Work, int, int]:
-    """What a file's samples are of, the first of them, and the one after the last. Raises as `read_partial`."""
-    header, _ = _open(path)
-    return header.work, *header.samples
-
-
-def read_partial(
-    path: str | os.PathLike[str], expected: Work | None = None, order: NDArray[np.intp] | None = None
-) -> Partial:
-    """Reads what `state_part` stored; by default the film has its pixels row by row.
-
-    Raises:
-        UsageError: the file is not readable, not of this kind, damaged, of another version of the format, or not of the
-            `expected` work.
-    """
-    header, planes = _open(path)
-    work, (first, end) = header.work, header.samples
-    if expected is not None:
-        require_same(path, work, expected)
-    order = np.arange(work.width * work.height) if order is None else order
-    count, nodes = np.empty(len(order), np.uint32), {}
-    try:
-        count[order] = next(planes)
-        for key in node_keys(first, end - first):
-            nodes[key] = np.empty((2, 3, len(order)))
-            for sums in nodes[key].reshape(6, -1):
-                sums[order] = next(planes)
-        next(planes, None)
-    except OSError as error:
-        raise UsageError(f"{path}: damaged: {error}") from None
-    film = Film(count, {0: nodes}, (end - first) * len(count) - int(count.sum()))
-    return Partial(work, first, end, header.spp, film, order)
-
-
-def _open(path: str | os.PathLike[str]) -> tuple[_Header, Iterator[Plane]]:
-    text, rows, row_words, read = read_state(path)
-    try:
-        header = TypeAdapter(_Header).validate_json(text)
-    except ValidationError as error:
-        problem = error.errors()[0]
-        place = ".".join(map(str, problem["loc"])) or "header"
-        raise UsageError(f"{path}: damaged, or of another version of pyrt: {place}: {problem['msg'].lower()}") from None
-    work, (first, end) = header.work, header.samples
-    if not first < end or (rows, row_words) != (_rows(first, end, work.height), 2 * work.width):
-        raise UsageError(f"{path}: damaged: its size does not fit its header")
-    return header, _read_planes(read, rows, work.height, zlib.crc32(text.encode()))
-
-
-def _read_planes(read: Callable[[int, int], NDArray[np.uint32]], rows: int, height: int, check: int) -> Iterator[Plane]:
-    """The planes; raises OSError after the last one if the check sum is wrong."""
-    for row in range(0, rows - 1, height):
-        plane = read(row, row + height)
-        check = zlib.crc32(plane.data, check)
-        yield plane.reshape(-1).view(np.float64)
-    if (read(rows - 1, rows) != check).any():
-        raise OSError("its check sum is wrong")

@@ -13,21 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt import __version__, film
-from pyrt.adaptive import FIRST_SAMPLES, Refined, refine
+from pyrt.adaptive import FIRST_SAMPLES, Refined, refine, summary
 from pyrt.aov import GUIDES, AovTracer, check_aovs
 from pyrt.camera import film_plane
-from pyrt.checkpoint import accumulate, begin, open_checkpoint
+from pyrt.checkpoint import Saver, accumulate, begin, begin_adaptive, open_checkpoint
 from pyrt.denoise import denoised, require_denoiser
 from pyrt.device import Device
 from pyrt.device_sah import splitter
 from pyrt.doctor import open_device
 from pyrt.features import build_options, feature_table
-from pyrt.geometry import Triangles, gather_triangles
 from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
-from pyrt.partial import Partial, Work, kernels_hash
+from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, kernels_hash
 from pyrt.passes import PASS_SAMPLES, SampleTracer, Scratch, Tally, tile_order, tiled_pixels
-from pyrt.result import Beside, Result
+from pyrt.primitives import Primitives
+from pyrt.result import Beside, Result, sample_metadata
 from pyrt.scene import Scene
 from pyrt.scene_hash import scene_hash
 from pyrt.settings import Window, check_arguments, check_keeping, crop_window
@@ -132,18 +132,17 @@ class Renderer:
             require_denoiser()
         shape = (window.y1 - window.y0, window.x1 - window.x0)
         pixels = tiled_pixels(*shape[::-1]) + np.uint32(window.x0 | window.y0 << 16)
-        start = None
+        start: Partial | PartialAdaptive | None = None
         if checkpoint is not None or samples is not None:
             check_keeping(checkpoint, checkpoint_every, samples, adaptive, crop)
-            order = tile_order(width, height)
-            start = begin(self._work(seed, width, height), *(samples or (0, spp)), order)
+            start = self._begin(adaptive, noise or 0.0, samples or (0, spp), seed, (width, height))
             if checkpoint is not None:
                 start = open_checkpoint(checkpoint, start, resume, extend)
         watch = Watch(
             report=progress or self._progress,
             tally=Tally(),
-            before=0 if start is None else len(pixels) * (start.end - start.first),
-            total=len(pixels) * (spp if start is None else start.spp - start.first),
+            before=0 if start is None else start.traced(),
+            total=len(pixels) * spp if start is None else start.total(),
             at_least=len(pixels) * min(spp, FIRST_SAMPLES),
             start=perf_counter(),
             time_limit=time_limit if time_limit is not None else np.inf,
@@ -164,13 +163,13 @@ class Renderer:
             tally=watch.tally,
             after_pass=watch.after_pass,
         )
-        if start is not None:
+        if isinstance(start, Partial):
             result = self._render_rounds(tracer, pixels, start, checkpoint, checkpoint_every, watch, beside)
+        elif adaptive:
+            goal = (noise or 0.0, spp if start is None else start.spp)
+            result = self._render_adaptive(tracer, pixels, goal, start, checkpoint, checkpoint_every, watch, beside)
         else:
-            if adaptive:
-                refined = refine(tracer.trace, pixels, noise or 0.0, spp, watch.going, watch.note_error)
-            else:
-                refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
+            refined = _whole_pixels(*tracer.trace(pixels, 0, spp))
             result = beside.added_to(self._result(refined, shape, watch.tally))
         if not denoise:
             return result
@@ -195,13 +194,50 @@ class Renderer:
 
         return result(accumulate(tracer.trace, pixels, start, save, every, watch.going))
 
+    def _render_adaptive(
+        self,
+        tracer: SampleTracer,
+        pixels: NDArray[np.uint32],
+        goal: tuple[float, int],
+        start: PartialAdaptive | None,
+        checkpoint: str | Path | None,
+        every: float,
+        watch: Watch,
+        beside: Beside,
+    ) -> Result:
+        state = Adaptive.empty(len(pixels)) if start is None else start.state
+
+        def result() -> Result:
+            window = beside.window
+            shape = (window.y1 - window.y0, window.x1 - window.x0)
+            return beside.added_to(replace(self._result(summary(state), shape, watch.tally), partial=start))
+
+        def save() -> None:
+            if checkpoint is not None and state.count.any() and not state.torn:
+                result().save(checkpoint)
+
+        saver = Saver(save, every)
+        try:
+            refine(tracer.trace, pixels, state, *goal, watch.going, watch.note_error, saver.save_if_due)
+        finally:
+            save()
+        return result()
+
+    def _begin(
+        self, adaptive: bool, noise: float, samples: tuple[int, int], seed: int, size: tuple[int, int]
+    ) -> Partial | PartialAdaptive:
+        work = Work(scene_hash(self.scene), *size, seed, str(self._device.info), __version__, kernels_hash())
+        if adaptive:
+            return begin_adaptive(work, noise, samples[1], tile_order(*size))
+        return begin(work, *samples, tile_order(*size))
+
     @cached_property
     def _aov_kernels(self) -> dict[str, Any]:
         return self._device.build("aov.cl", build_options(self._features))
 
     @cached_property
-    def _triangles(self) -> Triangles:
-        return gather_triangles(self.scene)
+    def _primitives(self) -> Primitives:
+        return Primitives.of(self.scene)
 
     def _aovs(self, names: Iterable[str], window: Window, seed: int, parameters: Any) -> dict[str, NDArray[Any]]:
         """Those that do not come with the samples, by name."""
@@ -209,13 +245,9 @@ class Renderer:
         if not wanted:
             return {}
         plane = film_plane(self.scene.camera, window.width, window.height)
-        tracer = AovTracer(
-            self._device, self._aov_kernels, self._buffers, parameters, self.scene, self._triangles, plane, seed
-        )
+        kernels, primitives = self._aov_kernels, self._primitives
+        tracer = AovTracer(self._device, kernels, self._buffers, parameters, primitives, plane, seed)
         return tracer.trace(wanted, window)
-
-    def _work(self, seed: int, width: int, height: int) -> Work:
-        return Work(scene_hash(self.scene), width, height, seed, str(self._device.info), __version__, kernels_hash())
 
     def _beam_bytes(self) -> int:
         lights = int(self._packed.params["light_count"])
@@ -251,7 +283,10 @@ def partial_result(partial: Partial, stats: dict[str, Any] | None = None) -> Res
     whole, shape = partial.film, (partial.work.height, partial.work.width)
     stats = {**(stats or {}), "noise": None}
     stats["dropped"] = {**stats.get("dropped", {}), "samples": whole.dropped}
-    return Result(*film.picture(whole.totals(), whole.count, partial.order, shape), stats, partial)
+    work, spp = partial.work, partial.end - partial.first
+    metadata = sample_metadata(work.scene, work.seed, partial.first, spp, work.device)
+    picture = film.picture(whole.totals(), whole.count, partial.order, shape)
+    return Result(*picture, stats, partial, metadata=metadata)
 
 
 def _whole_pixels(whole: film.Film, complete: int) -> Refined:

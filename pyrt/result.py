@@ -15,7 +15,8 @@ from pyrt import __version__
 from pyrt.aov import exr_planes
 from pyrt.camera import film_plane, world_to_camera, world_to_ndc
 from pyrt.image_file import Attribute
-from pyrt.partial import Partial, state_part
+from pyrt.partial import Partial, PartialAdaptive
+from pyrt.partial_file import state_part
 from pyrt.scene import Scene
 from pyrt.scene_hash import scene_hash
 from pyrt.settings import Window
@@ -32,7 +33,8 @@ class Result:
         samples: (height, width) uint32, samples that each pixel's mean holds.
         stats: seconds per stage, rays traced and skipped, the device, the features compiled in, and with a noise target
             or a time limit the estimated relative error that was reached.
-        partial: the film, if the render had a checkpoint or a range of samples. EXR files hold it too then.
+        partial: what goes on from here needs, if the render had a checkpoint or a range of samples. EXR files hold it
+            too then.
         aovs: what was asked for beside the picture, by name: (height, width) or (height, width, channels); `aov.AOVS`
             tells what each holds, and its dtype. EXR files hold them too.
         denoised: (height, width, 3) float32, the denoised image, if that was asked for. EXR files hold both; other
@@ -46,7 +48,7 @@ class Result:
     variance: NDArray[np.float32]
     samples: NDArray[np.uint32]
     stats: dict[str, Any] = field(default_factory=dict)
-    partial: Partial | None = None
+    partial: Partial | PartialAdaptive | None = None
     aovs: dict[str, NDArray[Any]] = field(default_factory=dict)
     denoised: NDArray[np.float32] | None = None
     window: Window | None = None
@@ -92,6 +94,21 @@ class Result:
             return path.read_bytes()
 
 
+def sample_metadata(scene: str, seed: int, first: int, spp: int, device: str) -> dict[str, Attribute]:
+    """Header attributes of a picture that holds `spp` samples of each pixel from the `first` on, or fewer of some.
+
+    `scene` is its hash.
+    """
+    return {
+        "Software": f"pyrt {__version__}",
+        "pyrt:scene_hash": scene,
+        "pyrt:seed": seed,
+        "pyrt:first_sample": first,
+        "pyrt:spp": spp,
+        "pyrt:device": device,
+    }
+
+
 @dataclass(frozen=True)
 class Beside:
     """What a picture comes with, beside its samples.
@@ -115,14 +132,11 @@ class Beside:
     def _metadata(self, result: Result) -> dict[str, Attribute]:
         size, partial = (self.window.width, self.window.height), result.partial
         plane = film_plane(self.scene.camera, *size)
-        out: dict[str, Attribute] = {
-            "Software": f"pyrt {__version__}",
+        first = partial.first if isinstance(partial, Partial) else 0
+        spp = int(result.samples.max())
+        out = sample_metadata(scene_hash(self.scene), self.seed, first, spp, result.stats["device"])
+        out |= {
             "pyrt:scene": self.scene.name,
-            "pyrt:scene_hash": scene_hash(self.scene),
-            "pyrt:seed": self.seed,
-            "pyrt:first_sample": 0 if partial is None else partial.first,
-            "pyrt:spp": int(result.samples.max()),
-            "pyrt:device": result.stats["device"],
             "worldToCamera": world_to_camera(plane),
             "worldToNDC": world_to_ndc(plane, *size),
         }

@@ -25,10 +25,13 @@ class Window(NamedTuple):
 
 def crop_window(crop: tuple[int, int, int, int] | None, width: int, height: int) -> Window:
     """The window (x0, y0, x1, y1) of a picture; None: all of it. Raises UsageError unless it lies inside."""
-    x0, y0, x1, y1 = crop if crop is not None else (0, 0, width, height)
-    if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
-        raise UsageError(f"crop: expected x0,y0,x1,y1 inside the picture, {width} x {height}, got {x0},{y0},{x1},{y1}")
-    return Window(x0, y0, x1, y1, width, height)
+    numbers = (0, 0, width, height) if crop is None else tuple(crop)
+    if len(numbers) == 4 and all(isinstance(number, int | np.integer) for number in numbers):
+        x0, y0, x1, y1 = (int(number) for number in numbers)
+        if 0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height:
+            return Window(x0, y0, x1, y1, width, height)
+    text = ",".join(map(str, numbers))
+    raise UsageError(f"crop: expected x0,y0,x1,y1 inside the picture, {width} x {height}, got {text}")
 
 
 def check_keeping(
@@ -37,8 +40,8 @@ def check_keeping(
     """Raises UsageError, one sentence, unless a render with these arguments can keep its film."""
     if crop is not None:
         raise UsageError("crop: expected none beside checkpoint or samples, which are of whole pictures")
-    if adaptive:
-        raise UsageError("checkpoint, samples: expected a fixed number of samples, not a noise target or time limit")
+    if samples is not None and adaptive:
+        raise UsageError("samples: expected no noise target or time limit beside a range of samples")
     if samples is not None and not 0 <= samples[0] < samples[1] <= 2**30:
         raise UsageError(f"samples: expected 0 <= first < end <= 2^30, got {samples[0]}:{samples[1]}")
     if not 0 <= every < np.inf:

@@ -15,7 +15,8 @@ from pyrt.exr_state import StatePart
 from pyrt.files import remove_leftovers, replacing
 from pyrt.film import Film
 from pyrt.image_io import read_texture, write_image
-from pyrt.partial import Partial, Work, merge, merge_order, read_header, read_partial, state_part
+from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, merge, merge_order
+from pyrt.partial_file import read_adaptive, read_header, read_partial, state_part
 
 WIDTH, HEIGHT = 7, 5
 WORK = Work("c0ffee", WIDTH, HEIGHT, 3, "a device", "0.1.0", "beef")
@@ -56,6 +57,28 @@ def test_what_is_read_has_the_bits_of_what_was_written(tmp_path, first, end):
     assert read_header(file) == (WORK, first, end)
     assert_same_film(read_partial(file), partial)
     assert_same_film(read_partial(file, WORK, partial.order), partial)
+
+
+def test_an_adaptive_render_comes_back_too(tmp_path):
+    rng, pixels = np.random.default_rng(0), WIDTH * HEIGHT
+    state = Adaptive(
+        sums=np.exp(rng.uniform(-20, 20, (2, 3, pixels))),
+        count=rng.integers(0, 2**32, pixels, np.uint32),
+        error=np.where(rng.random(pixels) < 0.5, np.inf, rng.random(pixels)),
+        stage=rng.integers(0, 3, pixels, np.uint8),
+        samples=16,
+        dropped=3,
+    )
+    order = rng.permutation(pixels)
+    write_image(tmp_path / "a.exr", PICTURE, state=state_part(PartialAdaptive(WORK, 0.1, 64, state, order)))
+    found = read_adaptive(tmp_path / "a.exr", WORK, order)
+    assert (found.noise, found.spp, found.work) == (0.1, 64, WORK)
+    for name, value in vars(state).items():
+        assert np.array_equal(getattr(found.state, name), value)
+    with pytest.raises(UsageError, match="it was rendered with --noise or --time"):
+        read_partial(tmp_path / "a.exr")
+    with pytest.raises(UsageError, match="expected a render with --noise or --time"):
+        read_adaptive(written(tmp_path / "b.exr", partial_of(0, 4)), WORK, order)
 
 
 def test_the_file_is_a_picture_too(tmp_path):

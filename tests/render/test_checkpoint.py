@@ -24,7 +24,7 @@ import pyrt
 from pyrt import checkpoint
 from pyrt.cli import main
 from pyrt.farm import merge, render_parallel
-from pyrt.partial import read_partial
+from pyrt.partial_file import read_header, read_partial
 from pyrt.result import Result
 
 SIZE = (20, 13)
@@ -138,6 +138,60 @@ def test_progress_goes_on_where_it_stopped(renderer, tmp_path):
     assert 0.5 < events[0]["done"] <= events[-1]["done"] == 1
 
 
+# Adaptive renders -----------------------------------------------------------------------------------------------------
+
+TARGET = {"noise": 0.004, "spp": 256}
+
+
+@pytest.fixture(scope="module")
+def refined(renderer) -> Result:
+    result = renderer.render(**TARGET)
+    assert len(np.unique(result.samples)) > 2
+    return result
+
+
+@pytest.mark.parametrize("part", [300, 1 << 26])
+def test_saving_an_adaptive_render_changes_no_bits(renderer, refined, tmp_path, monkeypatch, part):
+    """Also if rounds are done in parts."""
+    monkeypatch.setattr("pyrt.adaptive._PART", part)
+    assert_same_bits(renderer.render(**TARGET, checkpoint=tmp_path / "a.exr", checkpoint_every=1), refined)
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+@pytest.mark.parametrize("passes", [1, 7, 24])
+def test_an_adaptive_render_goes_on_to_the_same_bits(renderer, refined, tmp_path, passes, error):
+    """It stops in the middle of rounds."""
+    keep = {"checkpoint": tmp_path / "a.exr", "pass_samples": 600}
+    with pytest.raises(error) if error else nullcontext():
+        renderer.render(**TARGET, **keep, progress=stop_after(passes, error))
+    result = renderer.render(**TARGET, **keep, resume=True)
+    assert_same_bits(result, refined)
+    assert result.stats["samples"] < refined.stats["samples"] or (passes == 1 and error)
+    assert_same_bits(renderer.render(**TARGET, **keep, resume=True, progress=lambda event: 1 / 0), refined)
+
+
+def test_an_adaptive_render_goes_on_after_its_time(renderer, tmp_path):
+    keep = {"checkpoint": tmp_path / "a.exr"}
+    first = renderer.render(spp=64, time_limit=1e-9, **keep)
+    assert (first.samples == 16).all()
+    assert (renderer.render(spp=64, time_limit=100, resume=True, **keep).samples >= first.samples).all()
+
+
+def test_another_kind_of_render_is_not_continued(renderer, tmp_path):
+    keep = {"checkpoint": tmp_path / "a.exr", "resume": True}
+    renderer.render(**TARGET, **keep)
+    with pytest.raises(pyrt.UsageError, match=r"it is rendered to the noise 0.004, expected 0.01"):
+        renderer.render(noise=0.01, **keep)
+    with pytest.raises(pyrt.UsageError, match="it is rendered with at most 256 samples, expected 9"):
+        renderer.render(noise=0.004, spp=9, **keep)
+    with pytest.raises(pyrt.UsageError, match="it was rendered with --noise or --time"):
+        renderer.render(9, **keep)
+    with pytest.raises(pyrt.UsageError, match="it was rendered with --noise or --time"):
+        read_header(tmp_path / "a.exr")
+    with pytest.raises(pyrt.UsageError, match="samples: expected no noise target"):
+        renderer.render(noise=0.1, samples=(0, 4))
+
+
 # Refusals -------------------------------------------------------------------------------------------------------------
 
 
@@ -205,7 +259,7 @@ def test_merged_ranges_have_the_same_bits(scene_file, whole, tmp_path, monkeypat
     assert main(["merge", "2.exr", "5.exr", "-o", "tail.exr"]) == 0
     assert main(["merge", "tail.exr", "0.exr", "-o", "all.exr", "-o", "all.png"]) == 0
     assert_same_bits(merge(["all.exr"]), whole)
-    assert "all.exr, all.png: samples 0:37 of each pixel" in capsys.readouterr().err
+    assert "all.exr, all.png: 37 samples per pixel" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -287,7 +341,7 @@ def test_signals_save_and_exit_with_130(renderer, scene_file, tmp_path, number):
     process.join(60)
     assert process.exitcode == 130
     end = read_partial(file).end
-    assert sentences(log) == [f"pyrt: interrupted with {end} of 1000000 samples per pixel; --resume continues"]
+    assert sentences(log) == [f"pyrt: interrupted with {end:.4g} samples per pixel; --resume continues"]
     assert sorted(os.listdir(tmp_path)) == ["a.exr", "log"]
     assert_same_bits(merge([file]), renderer.render(end))
 

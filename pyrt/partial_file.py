@@ -1,0 +1,173 @@
+"""Partial renders in EXR files.
+
+Such a file is a picture of the samples so far, with a second part that holds the float64 sums bit for bit, so that
+what is continued or merged has the bits of a render in one go. The part is an image of 32-bit words without
+compression: planes of one double per pixel, row by row, first the number of each pixel's samples, then the six sums of
+each of the film's nodes, or of an adaptive render the six sums, the error and the stage, and at last a row with the
+CRC-32 of all that and of the header.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from pyrt.errors import UsageError
+from pyrt.exr_state import StatePart, read_state
+from pyrt.film import Film, node_keys
+from pyrt.partial import Adaptive, Index, Partial, PartialAdaptive, Work, require_same
+
+Plane = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Round:
+    noise: float
+    samples: Index
+    dropped: int
+
+
+@dataclass(frozen=True)
+class _Header:
+    format: Literal[1]
+    work: Work
+    spp: Index
+    samples: tuple[Index, Index] | None = None
+    adaptive: _Round | None = None
+
+    def planes(self) -> int:
+        """How many the part has; 0 if that makes no sense."""
+        if self.samples is not None:
+            first, end = self.samples
+            return 1 + 6 * len(list(node_keys(first, end - first))) if first < end else 0
+        return 9 if self.adaptive is not None else 0
+
+
+def state_part(partial: Partial | PartialAdaptive) -> StatePart:
+    """What `image_io.write_image` stores beside the picture."""
+    if isinstance(partial, Partial):
+        header = _Header(1, partial.work, partial.spp, samples=(partial.first, partial.end))
+    else:
+        rounds = _Round(partial.noise, partial.state.samples, partial.state.dropped)
+        header = _Header(1, partial.work, partial.spp, adaptive=rounds)
+    text = TypeAdapter(_Header).dump_json(header)
+    rows = header.planes() * partial.work.height + 1
+    return StatePart(text.decode(), rows, 2 * partial.work.width, _blocks(partial, text))
+
+
+def _blocks(partial: Partial | PartialAdaptive, header: bytes) -> Iterator[NDArray[np.uint32]]:
+    width, height = partial.work.width, partial.work.height
+    check = zlib.crc32(header)
+    for plane in _planes(partial):
+        picture = plane[partial.order]
+        check = zlib.crc32(picture.data, check)
+        yield picture.view(np.uint32).reshape(height, 2 * width)
+    yield np.full((1, 2 * width), check, np.uint32)
+
+
+def _planes(partial: Partial | PartialAdaptive) -> Iterator[Plane]:
+    if isinstance(partial, PartialAdaptive):
+        state = partial.state
+        yield state.count.astype(np.float64)
+        yield from state.sums.reshape(6, -1)
+        yield from (state.error, state.stage.astype(np.float64))
+        return
+    yield partial.film.count.astype(np.float64)
+    nodes = partial.film.nodes()
+    for key in node_keys(partial.first, partial.end - partial.first):
+        yield from nodes[key].reshape(6, -1)
+
+
+def read_header(path: str | os.PathLike[str]) -> tuple[Work, int, int]:
+    """What a file's samples are of, the first of them, and the one after the last. Raises as `read_partial`."""
+    header, _ = _open(path)
+    return header.work, *_fixed(path, header)
+
+
+def read_partial(
+    path: str | os.PathLike[str], expected: Work | None = None, order: NDArray[np.intp] | None = None
+) -> Partial:
+    """Reads what `state_part` stored; by default the film has its pixels row by row.
+
+    Raises:
+        UsageError: the file is not readable, not of this kind, damaged, of another version of the format, or not of the
+            `expected` work.
+    """
+    header, planes = _open(path)
+    work, (first, end) = header.work, _fixed(path, header)
+    if expected is not None:
+        require_same(path, work, expected)
+    order = np.arange(work.width * work.height) if order is None else order
+    count, nodes = np.empty(len(order), np.uint32), {}
+    try:
+        count[order] = _whole(next(planes))
+        for key in node_keys(first, end - first):
+            nodes[key] = np.empty((2, 3, len(order)))
+            for sums in nodes[key].reshape(6, -1):
+                sums[order] = next(planes)
+        next(planes, None)
+    except OSError as error:
+        raise UsageError(f"{path}: damaged: {error}") from None
+    film = Film(count, {0: nodes}, (end - first) * len(count) - int(count.sum()))
+    return Partial(work, first, end, header.spp, film, order)
+
+
+def read_adaptive(path: str | os.PathLike[str], expected: Work, order: NDArray[np.intp]) -> PartialAdaptive:
+    """Reads what `state_part` stored of an adaptive render. Raises as `read_partial`."""
+    header, planes = _open(path)
+    require_same(path, header.work, expected)
+    if header.adaptive is None:
+        raise UsageError(f"{path}: it has a fixed number of samples, expected a render with --noise or --time")
+    state = Adaptive.empty(len(order))
+    state.samples, state.dropped = header.adaptive.samples, header.adaptive.dropped
+    try:
+        state.count[order] = _whole(next(planes))
+        for target in (*state.sums.reshape(6, -1), state.error):
+            target[order] = next(planes)
+        state.stage[order] = _whole(next(planes))
+        next(planes, None)
+    except OSError as error:
+        raise UsageError(f"{path}: damaged: {error}") from None
+    return PartialAdaptive(header.work, header.adaptive.noise, header.spp, state, order)
+
+
+def _whole(plane: Plane) -> NDArray[np.uint32]:
+    with np.errstate(invalid="ignore"):  # what is damaged may be anything, and is found out at the end
+        return plane.astype(np.uint32)
+
+
+def _fixed(path: str | os.PathLike[str], header: _Header) -> tuple[int, int]:
+    if header.samples is None:
+        raise UsageError(f"{path}: it was rendered with --noise or --time, expected a fixed number of samples")
+    return header.samples
+
+
+def _open(path: str | os.PathLike[str]) -> tuple[_Header, Iterator[Plane]]:
+    text, rows, row_words, read = read_state(path)
+    try:
+        header = TypeAdapter(_Header).validate_json(text)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        place = ".".join(map(str, problem["loc"])) or "header"
+        raise UsageError(f"{path}: damaged, or of another version of pyrt: {place}: {problem['msg'].lower()}") from None
+    work, planes = header.work, header.planes()
+    if not planes or (rows, row_words) != (planes * work.height + 1, 2 * work.width):
+        raise UsageError(f"{path}: damaged: its size does not fit its header")
+    return header, _read_planes(read, rows, work.height, zlib.crc32(text.encode()))
+
+
+def _read_planes(read: Callable[[int, int], NDArray[np.uint32]], rows: int, height: int, check: int) -> Iterator[Plane]:
+    """The planes; raises OSError after the last one if the check sum is wrong."""
+    for row in range(0, rows - 1, height):
+        plane = read(row, row + height)
+        check = zlib.crc32(plane.data, check)
+        yield plane.reshape(-1).view(np.float64)
+    if (read(rows - 1, rows) != check).any():
+        raise OSError("its check sum is wrong")
