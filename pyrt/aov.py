@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from pyrt.camera import FilmPlane
 from pyrt.device import Device
 from pyrt.errors import UsageError
-from pyrt.geometry import Triangles
-from pyrt.primitives import Hits, meet_primitives
-from pyrt.scene import Scene
+from pyrt.primitives import Hits, Primitives, meet_primitives
 from pyrt.settings import Window
 
 NONE = 0xFFFFFFFF  # the id of nothing
@@ -86,7 +84,6 @@ class AovTracer:
         kernels: of aov.cl, by name.
         buffers: the scene's arrays, in the order of the kernel's arguments.
         parameters: buffer of SceneParams.
-        triangles: as `gather_triangles` gives them.
         seed: of the picture's samples, whose first 16 place the rays of what is filtered.
     """
 
@@ -94,8 +91,7 @@ class AovTracer:
     kernels: dict[str, Any]
     buffers: dict[str, Any]
     parameters: Any
-    scene: Scene
-    triangles: Triangles
+    primitives: Primitives
     plane: FilmPlane
     seed: int
 
@@ -110,17 +106,17 @@ class AovTracer:
             part = pixels[start : start + _BATCH]
             for name, values in self._batch(names, part).items():
                 out[name][:, start : start + len(part)] = values
-        flat = {name: array[0] if len(array) == 1 else array.T for name, array in out.items()}
+        flat = {name: array[0] if len(array) == 1 else np.ascontiguousarray(array.T) for name, array in out.items()}
         return {name: array.reshape(*shape, *array.shape[1:]) for name, array in flat.items()}
 
     def _batch(self, wanted: list[str], pixels: NDArray[np.uint32]) -> dict[str, NDArray[Any]]:
         found: dict[str, NDArray[Any]] = {}
         if _GEOMETRY.intersection(wanted):
-            found |= _geometry(self.scene, self._hits(pixels), self.plane)
+            found |= _geometry(self._hits(pixels), self.plane)
         if "albedo" in wanted:
             found["albedo"] = self._features(pixels, 0)[:3]
         if set(GUIDES).intersection(wanted):
-            features = self._features(pixels, self.scene.max_depth)
+            features = self._features(pixels, self.primitives.scene.max_depth)
             found["denoising_albedo"], found["denoising_normal"] = features[:3], features[3:]
         return {name: found[name] for name in wanted}
 
@@ -134,7 +130,7 @@ class AovTracer:
         plane = self.plane
         x, y = (pixels & 0xFFFF) + 0.5, (pixels >> 16) + 0.5
         directions = plane.corner + x[:, None] * plane.dx + y[:, None] * plane.dy
-        return meet_primitives(self.scene, self.triangles, primitive, plane.position, directions)
+        return meet_primitives(self.primitives, primitive, plane.position, directions)
 
     def _features(self, pixels: NDArray[np.uint32], depth: int) -> NDArray[np.float32]:
         """(6, pixels): albedo and normal behind at most `depth` specular surfaces."""
@@ -147,17 +143,16 @@ class AovTracer:
             return array.copy()
 
 
-def _geometry(scene: Scene, hits: Hits, plane: FilmPlane) -> dict[str, NDArray[Any]]:
+def _geometry(hits: Hits, plane: FilmPlane) -> dict[str, NDArray[Any]]:
     hit = hits.shape >= 0
     away = hits.point - plane.position
-    materials = np.array([NONE if s.material is None else s.material for s in scene.shapes] + [NONE], np.uint32)
     return {
         "z": np.where(hit, away @ plane.forward, np.inf),
         "distance": np.where(hit, np.linalg.norm(away, axis=1), np.inf),
         "position": hits.point.T,
         "normal": hits.normal.T,
         "uv": hits.uv.T,
-        "object": hits.shape.astype(np.uint32),  # −1 becomes NONE
+        "object": hits.shape.astype(np.uint32),  # here and below −1 becomes NONE
         "triangle": hits.triangle.astype(np.uint32),
-        "material": materials[hits.shape],
+        "material": hits.material.astype(np.uint32),
     }

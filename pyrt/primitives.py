@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.geometry import Triangles, scaled_edges
+from pyrt.geometry import Triangles, gather_triangles, scaled_edges
 from pyrt.pack import shape_corners
 from pyrt.scene import Scene, Sphere
 
@@ -17,10 +17,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Hits:
-    """Of k rays. Where a ray missed, `shape` and `triangle` are −1 and the rest is 0.
+    """Of k rays. Where a ray missed, the indices are −1 and the rest is 0.
 
     Attributes:
         shape: (k,) int, index into the scene's shapes.
+        material: (k,) int, index into the scene's materials; −1 for a surface without one.
         triangle: (k,) int, index of the triangle within its shape; −1 for a sphere.
         point: (k, 3), on the surface.
         normal: (k, 3), unit shading normal on the ray's side.
@@ -28,27 +29,39 @@ class Hits:
     """
 
     shape: NDArray[np.int32]
+    material: NDArray[np.int32]
     triangle: NDArray[np.int32]
     point: Array
     normal: Array
     uv: Array
 
 
-def meet_primitives(
-    scene: Scene, triangles: Triangles, primitive: NDArray[np.int32], origin: Array, directions: Array
-) -> Hits:
+@dataclass(frozen=True)
+class Primitives:
+    """A scene's triangles, and the shape of each primitive: triangles first, then spheres, and −1 for none."""
+
+    scene: Scene
+    triangles: Triangles
+    shape: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Primitives:
+        triangles = gather_triangles(scene)
+        spheres = [i for i, s in enumerate(scene.shapes) if isinstance(s, Sphere)]
+        return cls(scene, triangles, np.concatenate([triangles.shape, np.array([*spheres, -1], np.int32)]))
+
+
+def meet_primitives(primitives: Primitives, primitive: NDArray[np.int32], origin: Array, directions: Array) -> Hits:
     """Of rays that start at `origin` (3,) and run along `directions` (k, 3), of any length.
 
-    `primitive` (k,): what each ray hits first, triangles in the order of `triangles`, then the scene's spheres; or −1.
+    `primitive` (k,): what each ray hits first, or −1.
     """
-    count = len(primitive)
-    ids = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
-    hits = Hits(*ids, np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)))
-    spheres = np.array([i for i, s in enumerate(scene.shapes) if isinstance(s, Sphere)], np.int32)
-    shape_of = np.concatenate([triangles.shape, spheres, np.array([-1], np.int32)])
-    hits.shape[:] = shape_of[primitive]
-    for shape, rays in _groups(hits.shape):
-        what = scene.shapes[shape]
+    count, triangles = len(primitive), primitives.triangles
+    shapes, none = primitives.shape[primitive], np.full(count, -1, np.int32)
+    hits = Hits(shapes, none, none.copy(), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)))
+    for shape, rays in _groups(shapes):
+        what = primitives.scene.shapes[shape]
+        hits.material[rays] = -1 if what.material is None else what.material
         if isinstance(what, Sphere):
             found = _meet_sphere(what, origin, directions[rays])
         else:

@@ -249,7 +249,7 @@ def test_a_crop_of_another_place_has_other_bits(renderer, result, monkeypatch):
     assert (part.image != result.image[5:18, 7:22]).any()
 
 
-@pytest.mark.parametrize("crop", [(0, 0, 41, 24), (-1, 0, 4, 4), (5, 5, 5, 9), (9, 0, 4, 4)])
+@pytest.mark.parametrize("crop", [(0, 0, 41, 24), (-1, 0, 4, 4), (5, 5, 5, 9), (9, 0, 4, 4), (0, 0, 4), (0, 0, 4.5, 4)])
 def test_crops_outside_are_refused(crop, renderer):
     with pytest.raises(UsageError, match=r"crop: expected x0,y0,x1,y1 inside the picture, 40 x 24, got "):
         renderer.render(1, size=SIZE, crop=crop)

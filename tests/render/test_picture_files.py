@@ -41,8 +41,14 @@ def test_exr_headers_say_what_the_picture_is_of(tmp_path, monkeypatch):
 
 
 def test_a_range_of_samples_is_in_the_header(tmp_path):
-    result = pyrt.Renderer(pyrt.load_scene(SCENE)).render(size=SIZE, samples=(8, 12))
-    assert (result.metadata["pyrt:first_sample"], result.metadata["pyrt:spp"]) == (8, 4)
+    renderer = pyrt.Renderer(pyrt.load_scene(SCENE))
+    for first, end in ((8, 12), (12, 14)):
+        result = renderer.render(size=SIZE, samples=(first, end))
+        assert (result.metadata["pyrt:first_sample"], result.metadata["pyrt:spp"]) == (first, end - first)
+        result.save(tmp_path / f"{first}.exr")
+    merged = pyrt.merge([tmp_path / "8.exr", tmp_path / "12.exr"]).metadata
+    assert (merged["pyrt:first_sample"], merged["pyrt:spp"]) == (8, 6)
+    assert merged["pyrt:scene_hash"] == scene_hash(renderer.scene)
 
 
 def test_bytes_of_equal_renders_are_equal_with_a_source_date(tmp_path, monkeypatch):
