@@ -63,12 +63,12 @@ class _Plan:
     """How to fill the slots of wide nodes with nodes of a binary tree at the least cost.
 
     After Ylitie et al., "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs" (2017), section 3.2:
-    `cost[i, k]` is the least cost of covering binary node k with at most i + 1 slots. If that takes more than one slot,
-    `left[i, k]` of them go to the left child.
+    `cost[k, i]` is the least cost of covering binary node k with at most i + 1 slots. If that takes more than one slot,
+    `left[k, i]` of them go to the left child.
     """
 
-    cost: NDArray[np.float64]  # (8, m)
-    left: NDArray[np.int8]  # (8, m)
+    cost: NDArray[np.float64]  # (m, 8)
+    left: NDArray[np.int8]  # (m, 8)
 
 
 def _levels(children: NDArray[np.int32]) -> list[NDArray[np.int32]]:
@@ -87,17 +87,22 @@ def _plan(tree: BinaryTree, levels: list[NDArray[np.int32]]) -> _Plan:
     x, y, z = tree.boxes[:3].astype(np.float64) + tree.boxes[3:]
     area = x * y + z * (x + y)
     area = np.maximum(area / area[0], TINY_AREA) if area[0] > 0 else np.ones_like(area)
-    cost = np.tile(area, (WIDTH, 1))
-    left = np.zeros((WIDTH, len(area)), np.int8)
+    cost = np.repeat(area[:, None], WIDTH, axis=1)
+    left = np.zeros((len(area), WIDTH), np.int8)
     for nodes in reversed(levels):
-        a, b = (cost[:, child] for child in tree.children[nodes].T)
-        for i in range(1, WIDTH):
-            options = a[:i] + b[i - 1 :: -1]
-            left[i, nodes] = options.argmin(axis=0) + 1
-            cost[i, nodes] = options.min(axis=0)
+        a, b = (np.ascontiguousarray(cost[child].T) for child in tree.children[nodes].T)
+        least, first = a[0] + b, np.ones(b.shape, np.int8)  # of i + 2 slots, and how many of them are the left child's
+        for i in range(1, WIDTH - 1):
+            for k in range(1, i + 1):
+                option = a[k] + b[i - k]
+                better = option < least[i]
+                np.copyto(least[i], option, where=better)
+                np.copyto(first[i], k + 1, where=better)
         fits = tree.count[nodes] <= WIDTH
-        cost[0, nodes] = np.where(fits, area[nodes], area[nodes] + cost[-1, nodes])
-        cost[:, nodes] = np.minimum(cost[:, nodes], cost[0, nodes])
+        own = np.where(fits, area[nodes], area[nodes] + least[WIDTH - 2])
+        cost[nodes, 0] = own
+        cost[nodes, 1:] = np.minimum(least[:-1], own).T
+        left[nodes, 1:] = first[:-1].T
     return _Plan(cost, left)
 
 
@@ -108,11 +113,11 @@ def _open(tree: BinaryTree, plan: _Plan, nodes: NDArray[np.int32]) -> NDArray[np
     first = np.zeros(len(nodes), np.int64)
     room = np.full(len(nodes), WIDTH)
     while len(nodes):
-        left = plan.left[room - 1, nodes]
+        left = plan.left[nodes, room - 1]
         nodes = tree.children[nodes].T.ravel()
         row, first, room = np.tile(row, 2), np.concatenate([first, first + left]), np.concatenate([left, room - left])
         slots[row, first] = nodes
-        more = plan.cost[room - 1, nodes] < plan.cost[0, nodes]
+        more = plan.cost[nodes, room - 1] < plan.cost[nodes, 0]
         row, first, room, nodes = row[more], first[more], room[more], nodes[more]
     return slots
 

@@ -7,7 +7,9 @@ scene by 2^k changes no bit of the result.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from pyrt.scene import Mesh, Rectangle, Scene, Shape, Sphere
 
 COORDINATE_LIMIT = 1e30  # beyond it, squares and scales leave float32's range
 _ULP = 2.0**-24  # half the spacing of float32 in [1, 2)
+_PART = 1 << 13  # triangles at a time
 _DEGENERATE = 2.0**-44  # sine of the angle below which float64 cannot tell an edge pair from a line
 
 
@@ -27,7 +30,9 @@ class Normalisation:
     scale: float
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (points - self.center) * self.scale
+        moved = points - self.center
+        moved *= self.scale
+        return moved
 
 
 @dataclass(frozen=True)
@@ -77,12 +82,34 @@ def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
 
 def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(m,) bool for (m, 3, 3) corners: finite, within the limit, and neither a line nor a point."""
-    flat = corners.reshape(len(corners), 9)
-    valid = np.asarray((np.abs(flat) < COORDINATE_LIMIT).all(axis=1))  # NaN compares false
-    e1, e2, _ = scaled_edges(np.where(valid[:, None, None], corners, 0.0))
-    area = np.linalg.norm(np.cross(e1, e2), axis=1)
-    longest = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
-    return np.asarray(valid & (area > _DEGENERATE * longest))
+    valid = np.empty(len(corners), np.bool_)
+    for part in _parts(len(corners)):
+        flat = np.ascontiguousarray(corners[part].reshape(-1, 9).T)
+        with np.errstate(all="ignore"):  # NaN compares false
+            e1, e2, n = _edges_and_normal(flat)
+            longest = np.sqrt(_square(e1)) * np.sqrt(_square(e2))
+            area = np.sqrt(_square(n))
+            valid[part] = (np.abs(flat) < COORDINATE_LIMIT).all(axis=0) & (area > _DEGENERATE * longest)
+    return valid
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Ranges of triangles whose arrays fit the cache."""
+    return (slice(first, first + _PART) for first in range(0, count, _PART))
+
+
+def _edges_and_normal(flat: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Both edges at v0 of triangles (9, m), as `scaled_edges` has them, and their cross product, (3, m) each."""
+    edges = (flat[3:].reshape(2, 3, -1) - flat[:3]).reshape(2, 3, -1)
+    size = np.abs(edges).max(axis=(0, 1))
+    size[size == 0] = 1
+    edges /= size
+    (ax, ay, az), (bx, by, bz) = edges
+    return edges[0], edges[1], np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def _square(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 def scaled_edges(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -96,9 +123,23 @@ def scaled_edges(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 def triangle_normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m, 3) unit normals of valid (m, 3, 3) triangles."""
-    e1, e2, _ = scaled_edges(corners)
-    n = np.cross(e1, e2)
-    return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+    normals = np.empty((len(corners), 3))
+    for part in _parts(len(corners)):
+        _, _, n = _edges_and_normal(np.ascontiguousarray(corners[part].reshape(-1, 9).T))
+        normals[part] = (n / np.sqrt(_square(n))).T
+    return normals
+
+
+def extremes(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The least and the greatest coordinates, (3,) each, of (n, 3) points, n >= 1."""
+    parts = [np.ascontiguousarray(points[part].T) for part in _parts(len(points))]
+    return np.min([part.min(axis=1) for part in parts], axis=0), np.max([part.max(axis=1) for part in parts], axis=0)
+
+
+def largest_coordinates(points: NDArray[Any]) -> NDArray[np.float64]:
+    """(3,) the greatest |x| of (n, 3) points; 0 if there are none."""
+    return np.abs(extremes(points)).max(axis=0).astype(np.float64) if len(points) else np.zeros(3)
+
 
 def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normalisation:
     """Centre and scale for the given (n, 3) points and spheres.
@@ -106,8 +147,7 @@ def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normali
     The centre is rounded to a grid of 2^−20 extents, halves upwards, so that moving a scene by a multiple of that grid
     moves the centre by exactly as much.
     """
-    low = [points.min(axis=0)] if len(points) else []
-    high = [points.max(axis=0)] if len(points) else []
+    low, high = ([extreme] for extreme in extremes(points)) if len(points) else ([], [])
     for sphere in spheres:
         low.append(np.subtract(sphere.center, sphere.radius))
         high.append(np.add(sphere.center, sphere.radius))

@@ -15,6 +15,7 @@ from pyrt.geometry import (
     Normalisation,
     Triangles,
     gather_triangles,
+    largest_coordinates,
     largest_edge,
     normalisation,
     rounding_offset,
@@ -122,7 +123,7 @@ def round_up(x: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _bound(corners: NDArray[np.float64], spheres: NDArray[Any]) -> NDArray[np.float64]:
-    bound = np.abs(corners).max(axis=(0, 1), initial=0.0)
+    bound = largest_coordinates(corners.reshape(-1, 3))
     if len(spheres):
         reach = np.abs(spheres["center"].astype(np.float64)) + spheres["radius"][:, None].astype(np.float64)
         bound = np.maximum(bound, reach.max(axis=0))

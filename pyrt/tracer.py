@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyrt.device_sah import splitter
 from pyrt.doctor import open_device
 from pyrt.errors import UsageError
-from pyrt.geometry import normalisation, valid_triangles
+from pyrt.geometry import largest_coordinates, normalisation, valid_triangles
 from pyrt.hit_lists import AllHits, Ints, Part, chunks, in_levels, join, unpack
 from pyrt.layout import dtypes
 from pyrt.pack import round_up
@@ -68,7 +68,7 @@ class RayTracer:
         self._corners = corners[self._ids]
         self._space = normalisation(self._corners.reshape(-1, 3), [])
         normal = self._space.apply(self._corners).astype(np.float32)
-        self._bound = np.abs(normal).max(axis=(0, 1), initial=0.0).astype(np.float64)
+        self._bound = largest_coordinates(normal.reshape(-1, 3))
         self._device = open_device(device)
         self._double = self._device.has_double
         self._kernels = self._device.build("trace.cl", ["-DHAS_SPHERES=0", f"-DHAS_DOUBLE={int(self._double)}"])

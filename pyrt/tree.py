@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.bvh import Bvh, build
+from pyrt.geometry import extremes
 from pyrt.layout import constants, dtypes
 from pyrt.sah import Splitter, split
 
@@ -55,7 +56,7 @@ class _Part:
 
 
 def _part(low: NDArray[np.float32], high: NDArray[np.float32], kind: int, splitter: Splitter) -> _Part:
-    return _Part(build(low, high, splitter), kind, np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
+    return _Part(build(low, high, splitter), kind, np.stack([extremes(low)[0], extremes(high)[1]], axis=1))
 
 
 def _join(parts: list[_Part]) -> tuple[NDArray[Any], int, int]:
