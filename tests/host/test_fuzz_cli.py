@@ -84,6 +84,13 @@ OPTIONS = {
     "--output": outputs | odd_texts,
     "--set": settings | odd_texts,
     "--no-clobber": None,
+    "--dry-run": None,
+    "--float": None,
+    "--verbose": None,
+    "--threads": st.sampled_from(["0", "-1", "x"]) | odd_texts,  # more would change this process
+    "--view": st.sampled_from(["aces", "srgb", "sepia"]) | odd_texts,
+    "--crop": st.sampled_from(["0,0,1,1", "0,0,9,9", "1,1,0,0", "1,2", "x"]) | odd_texts,
+    "--aov": st.sampled_from(["z", "z,normal", "z,z", "x", ","]) | odd_texts,
     "--quiet": None,
     "--unknown": odd_texts,
 }
@@ -91,7 +98,7 @@ OPTIONS = {
 
 @st.composite
 def command_lines(draw: st.DrawFn) -> list[str]:
-    verb = draw(st.sampled_from(["render"] * 5 + ["validate", "info", "validate", "devices", "help", ""]))
+    verb = draw(st.sampled_from(["render"] * 5 + ["validate", "info", "view", "schema", "devices", "help", ""]))
     words = [verb, draw(scenes)]
     for name in draw(st.lists(st.sampled_from(sorted(OPTIONS)), max_size=4, unique=True)):
         values = OPTIONS[name]
