@@ -38,17 +38,34 @@ class Hits:
 
 @dataclass(frozen=True)
 class Primitives:
-    """A scene's triangles, and the shape of each primitive: triangles first, then spheres, and −1 for none."""
+    """A scene's triangles and spheres, by the ids that the kernels use: triangles first.
+
+    Attributes:
+        shape: (n + 1,), of each primitive; and −1, for none.
+        material: (shapes + 1,), of each shape; and −1.
+    """
 
     scene: Scene
     triangles: Triangles
+    centers: Array  # (spheres, 3)
+    radii: Array  # (spheres,)
     shape: NDArray[np.int32]
+    material: NDArray[np.int32]
 
     @classmethod
     def of(cls, scene: Scene) -> Primitives:
         triangles = gather_triangles(scene)
-        spheres = [i for i, s in enumerate(scene.shapes) if isinstance(s, Sphere)]
-        return cls(scene, triangles, np.concatenate([triangles.shape, np.array([*spheres, -1], np.int32)]))
+        spheres = [(i, s.center, s.radius) for i, s in enumerate(scene.shapes) if isinstance(s, Sphere)]
+        shape = np.concatenate([triangles.shape, np.array([*(i for i, _, _ in spheres), -1], np.int32)])
+        materials = [-1 if s.material is None else s.material for s in scene.shapes]
+        return cls(
+            scene,
+            triangles,
+            np.array([center for _, center, _ in spheres], np.float64).reshape(-1, 3),
+            np.array([radius for _, _, radius in spheres], np.float64),
+            shape,
+            np.array([*materials, -1], np.int32),
+        )
 
 
 def meet_primitives(primitives: Primitives, primitive: NDArray[np.int32], origin: Array, directions: Array) -> Hits:
@@ -57,24 +74,25 @@ def meet_primitives(primitives: Primitives, primitive: NDArray[np.int32], origin
     `primitive` (k,): what each ray hits first, or −1.
     """
     count, triangles = len(primitive), primitives.triangles
-    shapes, none = primitives.shape[primitive], np.full(count, -1, np.int32)
-    hits = Hits(shapes, none, none.copy(), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)))
-    for shape, rays in _groups(shapes):
-        what = primitives.scene.shapes[shape]
-        hits.material[rays] = -1 if what.material is None else what.material
-        if isinstance(what, Sphere):
-            found = _meet_sphere(what, origin, directions[rays])
-        else:
-            mine = primitive[rays]
-            hits.triangle[rays] = triangles.source[mine]
-            corners = shape_corners(what, triangles.source[mine])
-            found = _meet_triangles(triangles.corners[mine], corners["n"], corners["uv"], origin, directions[rays])
+    shape = primitives.shape[primitive]
+    indices = shape, primitives.material[shape], np.full(count, -1, np.int32)
+    hits = Hits(*indices, np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)))
+    is_sphere = primitive >= len(triangles.shape)
+    rays = np.flatnonzero(is_sphere)
+    sphere = primitive[rays] - len(triangles.shape)
+    found = _meet_spheres(primitives.centers[sphere], primitives.radii[sphere, None], origin, directions[rays])
+    hits.point[rays], hits.normal[rays], hits.uv[rays] = found
+    for index, rays in _groups(np.where(is_sphere, -1, shape)):
+        mine = primitive[rays]
+        hits.triangle[rays] = triangles.source[mine]
+        corners = shape_corners(primitives.scene.shapes[index], triangles.source[mine])
+        found = _meet_triangles(triangles.corners[mine], corners["n"], corners["uv"], origin, directions[rays])
         hits.point[rays], hits.normal[rays], hits.uv[rays] = found
     return hits
 
 
 def _groups(shape: NDArray[np.int32]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Each shape that is hit, and the rays that hit it."""
+    """Each shape ≥ 0, and the rays that hit it."""
     order = np.argsort(shape, kind="stable")
     order = order[np.searchsorted(shape[order], 0) :]
     for rays in np.split(order, np.flatnonzero(np.diff(shape[order])) + 1):
@@ -104,18 +122,17 @@ def _meet_triangles(
     return point, _facing(n, -ng), np.einsum("kc,kci->ki", weights, uvs)
 
 
-def _meet_sphere(sphere: Sphere, origin: Array, d: Array) -> tuple[Array, Array, Array]:
-    """Points, normals and texture coordinates."""
+def _meet_spheres(centers: Array, radii: Array, origin: Array, d: Array) -> tuple[Array, Array, Array]:
+    """Points, normals and texture coordinates; radii are (k, 1)."""
     d = _unit(d)
-    from_center = (origin - np.asarray(sphere.center)) / sphere.radius
-    middle = -(d @ from_center)
-    beside = from_center + middle[:, None] * d
-    half = np.sqrt(np.maximum(1.0 - (beside * beside).sum(axis=1), 0.0))
-    near = middle - half
-    n = _unit(beside + np.where(near > 0.0, -half, half)[:, None] * d)
+    from_center = (origin - centers) / radii
+    middle = -(from_center * d).sum(axis=1, keepdims=True)
+    beside = from_center + middle * d
+    half = np.sqrt(np.maximum(1.0 - (beside * beside).sum(axis=1, keepdims=True), 0.0))
+    n = _unit(beside + np.where(middle > half, -half, half) * d)
     longitude = np.arctan2(n[:, 2], n[:, 0]) / (2 * np.pi) % 1.0
     uv = np.stack([longitude, np.arccos(np.clip(n[:, 1], -1.0, 1.0)) / np.pi], axis=1)
-    return np.asarray(sphere.center) + sphere.radius * n, _facing(n, d), uv
+    return centers + radii * n, _facing(n, d), uv
 
 
 def _unit(v: Array) -> Array:

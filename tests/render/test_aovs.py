@@ -187,6 +187,13 @@ def test_geometry_is_in_world_units(scale, center):
     )
 
 
+def test_a_sphere_from_inside():
+    scene = make_scene(Sphere(name="ball", center=(0, 0, 1), radius=3, material=0), camera=Camera(fov=1))
+    aovs = pyrt.Renderer(scene).render(1, size=(3, 3), aovs=("z", "normal")).aovs
+    np.testing.assert_allclose(aovs["z"][1, 1], 3, rtol=1e-7)
+    np.testing.assert_allclose(aovs["normal"][1, 1], (0, 0, 1), atol=1e-7)
+
+
 def test_z_is_that_of_the_header_matrix(result):
     seen = result.aovs["object"] != NONE
     there = np.c_[result.aovs["position"][seen], np.ones(seen.sum())] @ world_to_camera(film_plane(SCENE.camera, *SIZE))
