@@ -47,14 +47,13 @@ class Document:
     buffers: dict[int, bytes] = field(default_factory=dict)
 
 
-def open_gltf(path: str | os.PathLike[str]) -> Document:
-    """Reads a file's JSON; buffers and images are read when they are asked for.
+def open_gltf(path: str | os.PathLike[str], content: bytes) -> Document:
+    """Parses a file's JSON; buffers and images are read when they are asked for.
 
     Raises:
-        SceneError: the file cannot be read, is damaged, or requires an extension that pyrt does not read, such as
+        SceneError: the content is damaged, or requires an extension that pyrt does not read, such as
             compressed geometry.
     """
-    content = read_bytes(path)
     text, chunk = _chunks(content) if content.startswith(_MAGIC) or _is_binary(path) else (content, None)
     document = Document(Path(path).parent, parse_gltf(text), chunk)
     if not document.tree.asset.version.startswith("2."):

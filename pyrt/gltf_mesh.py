@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.errors import SceneError
+from pyrt.files import read_bytes
 from pyrt.gltf import Document, at, open_gltf, read_accessor
 from pyrt.gltf_schema import Node, Primitive
 from pyrt.mesh_data import MeshData, filled_normals, joined, transformed, unit_vectors
@@ -37,8 +38,9 @@ class PlacedPrimitive(NamedTuple):
 
 def load_gltf_mesh(path: str | os.PathLike[str]) -> MeshData:
     """All triangles of a file's scene as one mesh in the world's space. Raises SceneError as `open_gltf`."""
+    content = read_bytes(path)
     try:
-        document = open_gltf(path)
+        document = open_gltf(path, content)
         placed, warnings = placed_primitives(document, list(placed_nodes(document)))
         primitives = {of.place: of.primitive for of in placed}
         meshes = {place: read_primitive(document, primitive, place)[0] for place, primitive in primitives.items()}

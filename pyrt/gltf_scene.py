@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.errors import SceneError
+from pyrt.files import read_bytes
 from pyrt.geometry import valid_triangles
 from pyrt.gltf import Document, at, image_bytes, open_gltf
 from pyrt.gltf_mesh import PlacedNode, PlacedPrimitive, placed_nodes, placed_primitives, read_primitive
@@ -53,10 +54,11 @@ def load_gltf(path: str | os.PathLike[str]) -> Model:
     """Reads a GLB or glTF file.
 
     Raises:
-        SceneError: as `open_gltf`; or what its scene refers to is damaged or missing.
+        SceneError: as `open_gltf`; or the file, or what its scene refers to is damaged or missing.
     """
+    content = read_bytes(path)
     try:
-        reading = _Reading(open_gltf(path))
+        reading = _Reading(open_gltf(path, content))
         nodes = list(placed_nodes(reading.document))
         placed, warnings = placed_primitives(reading.document, nodes)
         reading.model.warnings.extend(warnings)

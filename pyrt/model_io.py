@@ -15,13 +15,25 @@ from pyrt.files import read_bytes
 from pyrt.gltf_scene import load_gltf
 from pyrt.image_io import read_texture, srgb_to_linear
 from pyrt.mesh_data import MeshData
-from pyrt.mesh_io import Surfaces, load_surfaces, part_of
+from pyrt.mesh_io import FORMATS, Surfaces, load_surfaces, part_of
 from pyrt.model import Model, add_colors, add_image, add_material, unique_name
 from pyrt.mtl import MtlMaterial, read_mtl
 from pyrt.smooth import smoothed
 
 NEUTRAL = {"type": "diffuse", "color": [0.72, 0.7, 0.67]}
+_FOREIGN = {".3ds", ".abc", ".blend", ".dae", ".fbx", ".pbrt", ".usd", ".usda", ".usdc", ".usdz", ".xml"}
 _Z_UP = {".stl"}  # what CAD programs and printers use; +y is up in the other formats
+
+
+def is_model(path: str | os.PathLike[str]) -> bool:
+    """Whether the extension tells of a model that pyrt reads. Raises SceneError for formats that it should convert."""
+    suffix = Path(path).suffix.lower()
+    if suffix in _FOREIGN:
+        formats = ", ".join(f".{name}" for name in FORMATS)
+        raise SceneError(
+            f"{path}: expected a scene (.json) or a model ({formats}); Blender, for instance, converts others"
+        )
+    return suffix.removeprefix(".") in FORMATS
 
 
 def load_model(path: str | os.PathLike[str]) -> Model:

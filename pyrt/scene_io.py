@@ -21,9 +21,9 @@ from pyrt.files import check_file
 from pyrt.geometry import COORDINATE_LIMIT, valid_triangles
 from pyrt.image_io import read_texture
 from pyrt.mesh_data import MeshData, transformed
-from pyrt.mesh_io import FORMATS, load_mesh
+from pyrt.mesh_io import load_mesh
 from pyrt.model import Model
-from pyrt.model_io import load_model
+from pyrt.model_io import is_model, load_model
 from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.schema_errors import json_path, quote, suggestion, validate
@@ -104,7 +104,8 @@ def load_scene(
     result = _scene(loading, raw, model, indices, name)
     if loading.model is not None and not loading.problems and any(model.camera.ref_up):
         film = scene.Film(*size) if size is not None and min(size) > 0 else result.film
-        result = completed(replace(result, film=film), set(model.camera.model_fields_set), _has_lights(model))
+        has_camera = "position" in loading.model.raw["camera"] or "matrix" in loading.model.raw["camera"]
+        result = completed(replace(result, film=film), model.camera.model_fields_set, has_camera, _has_lights(model))
     loading.problems += [f"{loading.place}: camera.{key}: {fault}" for key, fault in camera_faults(result.camera)]
     if loading.problems:
         raise SceneError(loading.problems)
@@ -134,9 +135,9 @@ def _open(source: Source, base_dir: str | os.PathLike[str] | None) -> tuple[dict
         raise UsageError(f"scene: expected a file name or a dict, got {type(source).__name__}")
     place = os.fspath(source)
     path = example_path(place.removeprefix(_EXAMPLE)) if place.startswith(_EXAMPLE) else Path(place)
-    if path.suffix.lower().removeprefix(".") in FORMATS:
+    if is_model(path):
         opened = load_model(path)
-        return opened.raw, _loading(place, path.parent, opened), path.stem
+        return plain(opened.raw), _loading(place, path.parent, opened), path.stem
     return read_json(path), _Loading(place, Path(base_dir or path.parent)), path.stem
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pyrt.mesh_data import MeshData, filled_normals, flat_normals, unit_vectors
 
 _EDGE = 40.0  # degrees between faces from which an edge is sharp
-_MAX_TRIANGLES = 2_000_000  # more are smaller than pixels, and need no smoothing
+_MAX_TRIANGLES = 1_000_000  # more are smaller than pixels, and need no smoothing
 _MAX_NEIGHBOURS = 32  # faces that a corner takes account of before and behind its own
 
 

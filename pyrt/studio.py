@@ -43,26 +43,26 @@ class _Frame(NamedTuple):
         return direction
 
 
-def completed(scene: Scene, given: set[str], has_lights: bool) -> Scene:
+def completed(scene: Scene, given: set[str], has_camera: bool, has_lights: bool) -> Scene:
     """The scene with what it lacks.
 
     Args:
         scene: of a model.
-        given: fields of the camera that the model or the user sets; without position and matrix, the camera is framed.
+        given: fields of the camera that the model or the user sets; the others are chosen.
+        has_camera: whether the model has a camera, and so no floor.
         has_lights: whether the scene's own lights are to stay the only ones.
     """
     points = _points(scene)
     frame = _frame(points, np.asarray(scene.camera.up))
-    posed = bool(given & {"position", "matrix"})
     if "matrix" not in given:
         camera = scene.camera if "fov" in given or "intrinsics" in given else replace(scene.camera, fov=FOV)
         scene = replace(scene, camera=_framed(camera, scene.film, points, frame, given))
     if has_lights:
         return scene
     inside = np.all((points.min(axis=0) < scene.camera.position) & (scene.camera.position < points.max(axis=0)))
-    if posed and inside:
+    if has_camera and inside:
         return replace(scene, lights=(_headlight(scene.camera, frame),))
-    shapes = (*_lamps(frame), *(() if posed else (_floor(points, frame, len(scene.materials)),)))
+    shapes = (*_lamps(frame), *(() if has_camera else (_floor(points, frame, len(scene.materials)),)))
     return replace(
         scene,
         lights=(),

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 
 import pyrt
 from pyrt.camera import film_plane, world_to_ndc
@@ -21,6 +24,7 @@ from pyrt.scene_hash import scene_hash
 from pyrt.scene_io import load_scene
 from pyrt.smooth import smoothed
 from tests.gltf_files import GltfFile
+from tests.strategies import damaged, examples
 
 
 def box(scale: float = 1.0) -> str:
@@ -124,6 +128,22 @@ def test_what_the_user_sets_stays(tmp_path: Path) -> None:
     np.testing.assert_allclose(scene.camera.look_at, [1, 0.5, 1.5])
     assert [light.position for light in scene.lights] == [(0, 9, 0)]
     assert not any(shape.radiance for shape in scene.shapes)
+
+
+def test_a_position_of_the_users_keeps_floor_and_lamps(tmp_path: Path) -> None:
+    scene = load(tmp_path, BOX, camera__position=[9, 9, 9])
+    assert len(scene.shapes) == len(load(tmp_path, BOX).shapes) == 5
+
+
+@pytest.mark.parametrize("name", ["no.glb", "no.obj"])
+def test_a_missing_model_is_named_once(name: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"^[^:]*/no\.\w+: cannot be read: no such file or directory$"):
+        load_scene(tmp_path / name)
+
+
+def test_formats_to_convert_are_named(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"a\.fbx: expected a scene \(\.json\) or a model \(\.obj, .*Blender"):
+        load_scene(tmp_path / "a.fbx")
 
 
 def test_a_light_inside_a_room_that_has_only_a_camera(tmp_path: Path) -> None:
@@ -281,3 +301,26 @@ def test_models_are_framed_for_the_size_of_the_picture(tmp_path: Path) -> None:
     (tmp_path / "box.obj").write_text(BOX)
     by_size = load_scene(tmp_path / "box.obj", size=(100, 300))
     assert by_size.camera == load(tmp_path, BOX, "box.obj", film__resolution=[100, 300]).camera
+
+
+MATERIALS = b"newmtl a\nKd 0.5 0.25 0\nmap_Kd dots.png\nKe 3 2 1\nnewmtl b\nNi 1.4\nillum 7\nd 0.5\n"
+USES = ("mtllib my.mtl\n" + SQUARE + "usemtl a\nf 1/1 2/2 3/3 4/4\nusemtl b\nf 1 2 3\n").encode()
+
+
+@examples(60)
+@given(st.data())
+def test_damaged_obj_and_mtl_files_are_refused_in_sentences(folder: Path, data: st.DataObject) -> None:
+    (folder / "my.mtl").write_bytes(data.draw(st.just(MATERIALS) | damaged(MATERIALS)))
+    (folder / "model.obj").write_bytes(data.draw(st.just(USES) | damaged(USES)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            found = list(load_scene(folder / "model.obj").warnings)
+        except SceneError as error:
+            found = error.problems
+    assert all(10 < len(text) < 1000 for text in found)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("models")
