@@ -43,9 +43,11 @@ class Watch:
     def after_pass(self) -> bool:
         """Whether the render goes on."""
         samples, elapsed = self.tally.samples, perf_counter() - self.start
-        done = max((self.before + samples) / self.total, elapsed / self.time_limit)
+        done = elapsed / self.time_limit
         if self.error:
             done = max(done, self.target / self.error)  # the squared error falls as samples grow
+        if self.error is not None or not self.target:  # until then, nobody knows how many samples there will be
+            done = max(done, (self.before + samples) / self.total)
         event = {"stage": "render", "done": min(done, 1.0), "samples": samples, "rays": self.tally.rays}
         event["noise"] = None if self.error is None else sqrt(self.error)
         late = elapsed >= self.time_limit and samples >= self.at_least

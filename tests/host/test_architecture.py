@@ -45,7 +45,12 @@ scene layout settings files toolchain schema_types exr_state film signals image_
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}
-ONLY_IN = {"pyopencl": "device", "OpenImageIO": "image_io image_tools image_file exr_state", "pyoidn": "denoise", "trimesh": "mesh_io intersector"}
+ONLY_IN = {
+    "pyopencl": "device",
+    "OpenImageIO": "image_io image_tools image_file exr_state",
+    "pyoidn": "denoise",
+    "trimesh": "mesh_io intersector",
+}
 HEAVY = {*ONLY_IN, "numpy", "pydantic", "rich", "scipy"}
 
 
@@ -112,7 +117,9 @@ def loaded(*command: str) -> set[str]:
     return set(re.findall(r"\| +(\w+)$", done.stderr, re.MULTILINE))
 
 
-@pytest.mark.parametrize("command", [("-c", "import pyrt"), ("-m", "pyrt", "--help")], ids=" ".join)
+@pytest.mark.parametrize(
+    "command", [("-c", "import pyrt"), ("-m", "pyrt", "--help"), ("-m", "pyrt", "diff", "--help")], ids=" ".join
+)
 def test_a_start_loads_nothing_heavy(command):
     assert not loaded(*command) & HEAVY
 

@@ -95,6 +95,7 @@ def test_progress_of_a_noise_target_knows_the_error_and_what_is_left(tmp_path, c
     events = [event for event in map(json.loads, err.splitlines()) if event["stage"] == "render"]
     errors = [event["noise"] for event in events]
     assert errors[1] is None  # after the first half of the first round
+    assert (events[1]["done"], events[1]["eta"]) == (0.0, None)
     assert errors[-1] is not None
     assert 0.05 < events[-1]["done"] <= 1.0
     assert events[-1]["eta"] >= 0.0
