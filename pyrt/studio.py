@@ -1,7 +1,7 @@
 """A camera, a floor and lamps for models that bring none: a picture without a scene file.
 
 The camera looks from the front right and above, so near that the model just fits into the film. A soft key light shines
-from the upper left, a fill light from the right, and one from behind gives the edges a rim.
+from the camera's upper left, a fill light from its right, and a large one from above lights the floor behind.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def completed(scene: Scene, given: set[str], has_camera: bool, has_lights: bool)
     inside = np.all((points.min(axis=0) < scene.camera.position) & (scene.camera.position < points.max(axis=0)))
     if has_camera and inside:
         return replace(scene, lights=(_headlight(scene.camera, frame),))
-    shapes = (*_lamps(frame), *(() if has_camera else (_floor(points, frame, len(scene.materials)),)))
+    shapes = (*_lamps(scene.camera, frame), *(() if has_camera else (_floor(points, frame, len(scene.materials)),)))
     return replace(
         scene,
         lights=(),
@@ -132,11 +132,13 @@ def _floor(points: NDArray[np.float64], frame: _Frame, material: int) -> Rectang
     return Rectangle(name="floor", material=material, center=_vec3(below), **edges)
 
 
-def _lamps(frame: _Frame) -> list[Rectangle]:
-    """Squares that face the model."""
+def _lamps(camera: Camera, frame: _Frame) -> list[Rectangle]:
+    """Squares that face the model, around the side that the camera sees."""
+    view = camera.position - frame.center
+    seen = float(np.degrees(np.arctan2(view @ frame.right, view @ frame.front)))
     lamps = []
     for i, (azimuth, elevation, distance, side, irradiance) in enumerate(_LAMPS):
-        away = frame.direction(_AZIMUTH + azimuth, elevation)
+        away = frame.direction(seen + azimuth, elevation)
         across = unit(np.cross(frame.up, away))
         radiance = irradiance * (distance / side) ** 2
         lamps.append(

@@ -135,6 +135,15 @@ def test_a_position_of_the_users_keeps_floor_and_lamps(tmp_path: Path) -> None:
     assert len(scene.shapes) == len(load(tmp_path, BOX).shapes) == 5
 
 
+@pytest.mark.parametrize("position", [[9, 2, 0], [-9, 5, 3], [0, 1, -9]])
+def test_the_key_light_is_to_the_left_of_any_camera(position: list[float], tmp_path: Path) -> None:
+    scene = load(tmp_path, BOX, camera__position=position)
+    key = next(shape for shape in scene.shapes if isinstance(shape, Rectangle))
+    right = film_plane(scene.camera, 512, 512).dx
+    center = mesh_of(scene).vertices.mean(axis=0)
+    assert (key.center - center) @ right < 0 < (key.center - center) @ (position - center)
+
+
 @pytest.mark.parametrize("name", ["no.glb", "no.obj"])
 def test_a_missing_model_is_named_once(name: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"^[^:]*/no\.\w+: cannot be read: no such file or directory$"):
