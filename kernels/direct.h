@@ -14,23 +14,7 @@ typedef struct {
     uint clear;    /* shadow rays saved: nothing stands between the beam and the light */
 } Counters;
 
-/* As bvh_hit for each of the lanes; returns those that hit. */
-INLINE uint bvh_hits(const Scene *scene, const Rays *rays, uint lanes, bool any, Hits *hits)
-{
-    uint found = 0u;
-    for (; lanes != 0u; lanes &= lanes - 1u) {
-        int lane = lowest_bit(lanes);
-        Ray ray = ray_lane(rays, lane);
-        Hit hit;
-        if (!bvh_hit(scene, &ray, any, &hit))
-            continue;
-        found |= 1u << lane;
-        hit_set(hits, lane, &hit);
-    }
-    return found;
-}
-
-/* The same for rays of a bundle whose candidates are known; none (0): traverse. */
+/* As bvh_hits, for rays of a bundle whose candidates are known; none (0): traverse. */
 INLINE uint candidates_hits(const Scene *scene, const global Candidates *candidates, const Rays *rays, uint lanes, bool any,
                             Hits *hits)
 {

@@ -54,6 +54,18 @@ INLINE float8 real_of(uint8 whole) /* below 2^31 */
 #endif
 }
 
+INLINE float lanes_min(float8 a)
+{
+    float4 four = a.lo < a.hi ? a.lo : a.hi;
+    return min1(min1(four.x, four.y), min1(four.z, four.w));
+}
+
+INLINE float lanes_max(float8 a)
+{
+    float4 four = a.lo > a.hi ? a.lo : a.hi;
+    return max1(max1(four.x, four.y), max1(four.z, four.w));
+}
+
 INLINE float3 vec_lane(const Vec *v, int lane)
 {
     return (float3)(((const float *)&v->x)[lane], ((const float *)&v->y)[lane], ((const float *)&v->z)[lane]);

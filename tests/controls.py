@@ -57,10 +57,11 @@ CONTROLS = {
     "contracted edges": Control("triangle.h", _CROSS, "return FMA(px, qy, -product);"),
     "rounded edges": Control("triangle.h", _CROSS, "return px * qy - product;"),
     "no box padding": Control("bvh.h", "#define BOX_ULPS 8.0f", "#define BOX_ULPS 0.0f"),
-    "relative shadow epsilon": Control("direct.h", "sub3(s->q, o), (Real)(1.0f)", "sub3(s->q, o), (Real)(1.0f - 1e-3f)"),
+    "relative shadow epsilon": Control("direct.h", "s->q, o), (Real)(1.0f)", "s->q, o), (Real)(1.0f - 1e-3f)"),
     "no id skip": Control("scene.h", "id == ray->self || ", ""),
     "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
+    "shrunken intervals": Control("bvh.h", "lanes_min(in ? along - 2.0f * pad", "lanes_min(in ? along + 1e-2f"),
     "beams of opposite corners": Control("volume.h", " || (s.sz < 0.0f) != (first.sz < 0.0f)", ""),
     "beams that start on their axis": Control(
         "beam.h",

@@ -40,7 +40,7 @@ LOST = {
     "Möller–Trumbore": (6000, 5000, 5000, 250),
     "contracted edges": (0, 100, 60, 140),
     "rounded edges": (0, 0, 0, 100),
-    "no box padding": (200, 5, 5, 75),
+    "no box padding": (200, 2, 2, 75),
 }
 
 
