@@ -136,9 +136,7 @@ def _render(args: argparse.Namespace) -> int:
         from pyrt.toolchain import limit_threads
 
         limit_threads(args.threads)
-    from pyrt.doctor import start_opening
-
-    device = start_opening(args.device)  # while the imports and the scene come
+    from pyrt.doctor import open_device
     from pyrt.progress import show_progress
     from pyrt.renderer import Renderer
 
@@ -146,9 +144,10 @@ def _render(args: argparse.Namespace) -> int:
     with show_progress(mode, stages=args.verbose) as progress:
         scene, outputs = _loaded(args)
         checkpoint = _checkpoint(args, outputs)
+        device = open_device(args.device)
         if args.threads is not None:
-            device.result().check_threads(args.threads)
-        renderer = Renderer(scene, device.result(), progress=progress)
+            device.check_threads(args.threads)
+        renderer = Renderer(scene, device, progress=progress)
         progress({"stage": "render", "done": 0.0, "samples": 0, "rays": 0, "noise": None})
         result, interrupted = _result(args, renderer, checkpoint, progress)
         if interrupted and not result.samples.any():

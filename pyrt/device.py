@@ -144,11 +144,6 @@ class Device:
         """Whether kernels can compute in float64."""
         return "cl_khr_fp64" in self.info.raw.extensions.split()
 
-    def load_compiler(self) -> None:
-        """Compiles next to nothing: then PoCL's compiler has loaded what all programs need, which takes 0.4 s once."""
-        program: Any = self._cl.Program(self._context, "kernel void nothing(void) {}")
-        program.build([], cache_dir=False)
-
     def build(self, source: str, options: Sequence[str]) -> dict[str, Any]:
         """Compiles a file of `kernels/`; returns its kernels by name."""
         cl, start = self._cl, perf_counter()

@@ -6,7 +6,6 @@ kernels/probe.cl, built like every kernel, and compares it with float32 arithmet
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,18 +67,6 @@ def open_device(wanted: str | int | None = None) -> Device:
     if not (device.info.is_pocl and device.info.kind == "cpu"):
         require_sound(device)
     return device
-
-
-def start_opening(wanted: str | int | None = None) -> Future[Device]:
-    """Opens the device in the background, and has its compiler ready by the time that there is a scene to compile for.
-
-    The result raises as `open_device`.
-    """
-    pool = ThreadPoolExecutor(1)
-    opened = pool.submit(open_device, wanted)
-    pool.submit(lambda: opened.result().load_compiler())
-    pool.shutdown(wait=False)
-    return opened
 
 
 def require_sound(device: Device) -> None:
