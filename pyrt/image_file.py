@@ -131,6 +131,8 @@ def image_spec(
     for name, value in attributes.items():
         if isinstance(value, np.ndarray):
             spec.attribute(name, oiio.TypeDesc("matrix"), tuple(value.ravel().tolist()))
+        elif isinstance(value, str):  # names of files need not be text
+            spec.attribute(name, value.encode(errors="backslashreplace").decode())
         else:  # integer attributes have 32 bits
             spec.attribute(name, str(value) if isinstance(value, int) and abs(value) >= 2**31 else value)
     return spec
