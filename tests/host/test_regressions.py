@@ -169,11 +169,6 @@ def test_a_size_that_is_none_is_wrong_usage(folder, capsys, size):
     assert "expected WIDTHxHEIGHT" in capsys.readouterr().err
 
 
-def test_a_scene_whose_name_is_no_text_is_named_in_the_header(folder):
-    assert main(["render", f"{NOT_UTF8}.json", "--size", "4x3", "--spp", "1", "-q", "-o", "a.exr"]) == 0
-    assert ascii(NOT_UTF8)[1:-1].encode() in Path("a.exr").read_bytes()
-
-
 def test_names_that_are_no_text_are_printed(folder, capsys):
     assert main(["validate", f"{NOT_UTF8}.json"]) == 0
     assert main(["info", f"{NOT_UTF8}.json"]) == 0

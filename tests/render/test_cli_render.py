@@ -140,6 +140,14 @@ def test_float_keeps_all_bits(tmp_path, capsys):
     assert (half != exact).any()
 
 
+def test_a_scene_whose_file_name_is_no_text_is_named_in_the_header(tmp_path):
+    scene = {"objects": [{"type": "sphere", "center": [0, 0, -3], "radius": 1, "light": {"radiance": [1, 1, 1]}}]}
+    path = tmp_path / os.fsdecode(b"\xff.json")
+    path.write_text(json.dumps(scene))
+    assert main(["render", str(path), *SIZE, "--spp=1", "-q", "-o", str(tmp_path / "a.exr")]) == 0
+    assert rb"\udcff" in (tmp_path / "a.exr").read_bytes()
+
+
 def test_threads_change_nothing_but_the_speed(tmp_path):
     command = f"pyrt render {SCENE} --size 24x20 --spp 4 --float -q -o"
     done = shell(f"{command} a.npy --threads 1 && {command} b.npy", tmp_path)
