@@ -118,7 +118,7 @@ def accumulate(
             film, complete = trace(pixels, partial.end, samples)
             if complete < len(pixels):
                 break
-            partial = replace(partial, film=partial.film.merge(film), end=partial.end + samples)
+            partial = replace(partial, film=partial.film.merge(film, reuse=True), end=partial.end + samples)
             now = perf_counter()
             if now - start < max(_ROUND_SECONDS, min(every, now - begun) / _ROUNDS):
                 step *= 2

@@ -72,6 +72,6 @@ def summarise(result: Result, outputs: list[str], verbose: bool) -> None:
     rate = stats["samples"] / max(elapsed, 1e-9) / 1e6
     noise = "" if stats["noise"] is None else f", estimated error {stats['noise']:.2g}"
     say(
-        f"{', '.join(outputs)}: {width}x{height}, {stats['samples'] / (width * height):.4g} spp{noise}, "
+        f"{', '.join(outputs)}: {width}x{height}, {result.samples.mean():.4g} spp{noise}, "
         f"{elapsed:.2f} s at {rate:.1f} M samples/s on {stats['device']}"
     )

@@ -49,7 +49,7 @@ class Film:
             for pixel in range(0, pixels, _BLOCK):
                 part = slice(pixel, pixel + _BLOCK)
                 self._add_block(run[..., part], first_pixel + pixel, sums[..., part], scratch)
-            _insert(nodes, level, index, sums)
+            _insert(nodes, level, index, sums, True)
 
     def _add_block(self, run: NDArray[np.float32], first_pixel: int, sums: Sums, scratch: NDArray[np.float64]) -> None:
         _tree_sums(run, sums, scratch[..., : run.shape[2]])
@@ -61,12 +61,14 @@ class Film:
         self.dropped += int(lost.sum())
         _tree_sums(np.where(finite[:, None], run, np.float32(0)), sums, scratch[..., : run.shape[2]])
 
-    def merge(self, other: Film) -> Film:
-        """The film of both films' samples: the same pixels, and sample ranges that do not overlap."""
-        nodes: Nodes = {}
-        for film in (self, other):
-            for (level, index), sums in film.nodes().items():
-                _insert(nodes, level, index, sums)
+    def merge(self, other: Film, *, reuse: bool = False) -> Film:
+        """The film of both films' samples: the same pixels, and sample ranges that do not overlap.
+
+        `reuse`: its sums may overwrite the other film's, which is of no use afterwards.
+        """
+        nodes = dict(self.nodes())
+        for (level, index), sums in other.nodes().items():
+            _insert(nodes, level, index, sums, reuse)
         return Film(self.count + other.count, {0: nodes}, self.dropped + other.dropped)
 
     def nodes(self) -> Nodes:
@@ -148,8 +150,10 @@ def _tree_sums(run: NDArray[np.float32], sums: Sums, scratch: NDArray[np.float64
         sums[...] = work[:, 0]
 
 
-def _insert(nodes: Nodes, level: int, index: int, sums: Sums) -> None:
+def _insert(nodes: Nodes, level: int, index: int, sums: Sums, reuse: bool) -> None:
+    """Adds a node, whose array may be overwritten if `reuse`; those of the other nodes are not."""
     while (sibling := nodes.pop((level, index ^ 1), None)) is not None:
-        sums = sums + sibling  # which of the two is the left one makes no difference to a sum of two
+        # which of the two is the left one makes no difference to a sum of two
+        sums, reuse = np.add(sums, sibling, out=sums if reuse else None), True
         level, index = level + 1, index >> 1
     nodes[level, index] = sums
