@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyrt
-from bench import peers_embree, peers_mitsuba, pictures, stress
+from bench import leaving, peers_embree, peers_mitsuba, pictures, stress
 from bench.report import Outcome, Table, number
 from bench.stress import Array, MakeTrace, Trace
 
@@ -27,6 +27,17 @@ def run(quick: bool) -> Outcome:
     notes = (f"Failures among {rays:,} rays a case, or what the row says; an asterisk: misses the threshold.",)
     columns = ("case", "measured", "threshold")
     tables = [Table("Numerics: rays", (*columns, *makers), tuple(rows), notes)]
+    walkers = leaving.walkers()
+    rows = []
+    for leave in leaving.CASES:
+        print(f"numerics: {leave.name}, {leave.measures}", file=sys.stderr)
+        values = {name: leave.measure(walker, rays // 20) for name, walker in walkers.items()}
+        data[f"{leave.name}, {leave.measures}"] = values
+        rows.append(_row(leave.name, leave.measures, 0, values))
+    notes = (
+        f"Share of, or failures among, about {rays // 20:,} paths. Mitsuba by spawn_ray, spawn_ray_to and ray_test.",
+    )
+    tables.append(Table("Numerics: rays that leave surfaces", (*columns, *walkers), tuple(rows), notes))
     painters = pictures.painters()
     rows = []
     for test in pictures.CASES:

@@ -128,6 +128,20 @@ def occluded(scene: Any, ray: Any, coherent: bool = False) -> Any:
     return found
 
 
+def surface(scene: Any, ray: Any) -> Any:
+    """The surface interactions of rays, from which `spawn_ray` and `spawn_ray_to` go on."""
+    import drjit as dr
+
+    found = scene.ray_intersect(ray)
+    dr.eval(found)
+    return found
+
+
+def vectors(values: NDArray[np.float64]) -> Any:
+    """(k, 3) as Mitsuba's vectors."""
+    return _module().Vector3f(np.float32(values.T))
+
+
 def write_scene(scene: Scene, size: tuple[int, int], folder: Path) -> Path:
     """Writes scene.xml and its PLY meshes, as a user of Mitsuba would have them; returns the XML's path."""
     mi = _module()

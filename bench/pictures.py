@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -107,6 +107,39 @@ def _plate(paint: Paint, quick: bool) -> float:
     return float(np.mean(lit))
 
 
+def _ceiling(paint: Paint, quick: bool) -> float:
+    """Share of a floor's pixels that change when a ceiling is put into the plane of the lamp, or one ulp below."""
+    changed = []
+    for above in (0.0, float(np.spacing(np.float32(1.0)))):
+        floor = Rectangle(name="floor", center=(0, 0, 0), edge1=(4, 0, 0), edge2=(0, 4, 0), material=0)
+        lamp = Rectangle(
+            name="lamp", center=(0.3, 0.2, 1 + above), edge1=(0.7, 0, 0), edge2=(0, -0.5, 0), radiance=RADIANCE
+        )
+        ceiling = Rectangle(name="ceiling", center=(0, 0, 1), edge1=(4, 0, 0), edge2=(0, -4, 0), material=0)
+        camera = Camera((0, -0.5, 0.7), (0, 0, 0), (0, 1, 0), 60)
+        scenes = (_scene(*shapes, camera=camera) for shapes in ((floor, lamp), (floor, lamp, ceiling)))
+        without, with_ceiling = (paint(scene, (32, 32), 16, 1) for scene in scenes)
+        changed.append((~(np.abs(with_ceiling / without - 1) <= 0.01)).any(axis=2).mean())
+    return float(np.mean(changed))
+
+
+def _box(paint: Paint, quick: bool) -> float:
+    """Share of lit pixels inside a box without a bottom that stands on a floor, at three places, the lamp outside."""
+    lit = []
+    vertices, triangles = meshes.cube()
+    sides = triangles[~(vertices[triangles][:, :, 2] == -1).all(axis=1)]
+    for place in (0.0, 1e3, 1e5):
+        shift = np.array([place, place, 0.0])
+        box = Mesh(
+            name="box", material=0, vertices=0.3 * vertices + (0, 0, 0.3) + shift, triangles=sides.astype(np.int32)
+        )
+        floor = Rectangle(name="floor", center=tuple(shift), edge1=(4, 0, 0), edge2=(0, 4, 0), material=0)
+        bulb = PointLight(tuple(shift + (-2.0, 0.05, 0.01)), (10.0, 10.0, 10.0))
+        camera = Camera(tuple(shift + (0.1, 0.0, 0.5)), tuple(shift + (-0.3, 0.02, 0.0)), (0, 0, 1), 90)
+        lit.append((paint(_scene(box, floor, camera=camera, lights=(bulb,)), (64, 64), 64, 1) != 0).any(axis=2).mean())
+    return float(np.mean(lit))
+
+
 # Closed forms ---------------------------------------------------------------------------------------------------------
 
 
@@ -151,10 +184,48 @@ def _lamps(paint: Paint, quick: bool) -> float:
     return worst
 
 
+LAMP = Rectangle(name="lamp", center=(0.2, 0.1, 2), edge1=(1, 0, 0), edge2=(0, -1, 0), radiance=RADIANCE)
+HALF_PLANE = np.array([[(0, -50, 1.0), (50, -50, 1), (0, 50, 1)], [(50, -50, 1), (50, 50, 1), (0, 50, 1.0)]])
+
+
+def _penumbra(paint: Paint, quick: bool) -> float:
+    camera = Camera(CAMERA.position, CAMERA.look_at, CAMERA.up, 12)  # pixels much smaller than the penumbra
+    plate = Mesh(
+        name="plate", vertices=HALF_PLANE.reshape(-1, 3), triangles=np.arange(6, dtype=np.int32).reshape(-1, 3)
+    )
+
+    def irradiance(points: Array, normals: Array) -> Array:
+        seen = analytic.visible_irradiance(points, normals, rectangle_corners(LAMP), HALF_PLANE)
+        return np.asarray(seen[:, None] * RADIANCE)
+
+    return _bias(paint, _scene(FLOOR, LAMP, plate, camera=camera), _floor_truth(irradiance, camera), quick)
+
+
+def _form_factors(paint: Paint, quick: bool) -> float:
+    """Proven error of the worse of the two, of unit squares: the picture shows just the receiving one."""
+    worst, white = 0.0, (ConstantTexture((1.0, 1.0, 1.0)),)
+    receiver = Rectangle(name="receiver", center=(0, 0, 0), edge1=(1, 0, 0), edge2=(0, 1, 0), material=0)
+    camera = Camera((0, 0, 0.5), (0, 0, 0), (0, 1, 0), 90)
+    lamps = {
+        analytic.FORM_FACTOR_PARALLEL: ((0, 0, 1), (1, 0, 0), (0, -1, 0)),
+        analytic.FORM_FACTOR_PERPENDICULAR: ((0.5, 0, 0.5), (0, 0, 1), (0, 1, 0)),
+    }
+    for factor, (center, edge1, edge2) in lamps.items():
+        lamp = Rectangle(name="lamp", center=center, edge1=edge1, edge2=edge2, radiance=(1.0, 1.0, 1.0))
+        scene = replace(_scene(receiver, lamp, camera=camera), textures=white)
+        means = np.array([paint(scene, (64, 64), 64 if quick else 1024, seed).mean() for seed in range(16)])
+        worst = max(worst, float(abs(means.mean() - factor) - 3 * means.std(ddof=1) / np.sqrt(len(means))))
+    return max(worst, 0.0)
+
+
 CASES = (
     Case("N13", "closed rooms at 1e3, 1e5, 1e7: pixels off by 1 %", 0, _moved_rooms),
     Case("N13", "closed rooms of size 1e-6 … 1e6: pixels off by 1 %", 0, _scaled_rooms),
     Case("N14", "plate 1e-1 … 1e-5 under a lamp: lit pixels", 0, _plate),
+    Case("N15", "ceiling in the plane of its lamp: pixels off by 1 %", 0, _ceiling),
+    Case("N15", "inside a box on a floor, at 0, 1e3, 1e5: lit pixels", 0, _box),
     Case("N16", "point light: proven relative bias", 2e-6, _point_light),
     Case("N17", "lamps of 1 … 1e-9 sr: proven relative bias", 1e-5, _lamps),
+    Case("N18", "penumbra of a half-plane: proven relative bias", 1e-4, _penumbra),
+    Case("N19", "form factors of unit squares: proven error", 1e-5, _form_factors),
 )

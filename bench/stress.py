@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pyrt.procedural import icosphere
 from tests import meshes
-from tests.reference.rays import farthest_hit
+from tests.reference.rays import closest_hit, farthest_hit
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[Any]]
@@ -120,6 +120,52 @@ def _grid(make: MakeTrace, count: int) -> float:
     return float(total)
 
 
+def _slabs(make: MakeTrace, count: int) -> float:
+    """Rays that start in the planes of boxes' sides and may run along others: hits that are not as brute force."""
+    random, count = np.random.default_rng(13), min(count, 60_000)
+    vertices, triangles = meshes.boxes(random, 40)
+    origins = random.integers(-8, 9, (count, 3)) / 8
+    origins[:, 2] = np.where(random.random(count) < 0.5, origins[:, 2], _float32(random.uniform(-1, 1, count)))
+    directions = _float32(random.normal(size=(count, 3))) * (random.random((count, 3)) < 0.7)
+    directions[~directions.any(axis=1)] = (0.0, 0.0, 1.0)
+    corners = vertices[triangles]
+    generous, strict = (closest_hit(corners, origins, directions, hair) for hair in (1e-9, -1e-9))
+    starts_outside = closest_hit(corners, origins - 1e-5 * directions, directions, 1e-9) > 2e-5
+    clear = (generous == strict) & starts_outside
+    origins, directions, expected = origins[clear], directions[clear], strict[clear]
+    t = np.asarray(make(vertices, triangles.astype(np.int32))(origins, directions)[0], np.float64)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(t - expected) * np.linalg.norm(directions, axis=1)
+    return float((~((t == expected) | (off <= ULPS4))).sum())
+
+
+def _contaminated(make: MakeTrace, count: int) -> float:
+    """Rays for which triangles without area (half of a mesh) or of NaN, infinity and 3e38 (1 %) change the hit."""
+    random, (vertices, triangles) = np.random.default_rng(14), _ball()
+    count, bad = min(count, 200_000), np.repeat([np.nan, np.inf, -np.inf, 3e38], 12)[:, None] * np.ones(3)
+    a, b = random.integers(len(vertices), size=(2, len(triangles)))
+    flat = np.stack([a, np.where(random.random(len(a)) < 0.5, a, b), b], axis=1)
+    infinite = np.stack([a[: len(bad)], b[: len(bad)], len(vertices) + np.arange(len(bad))], axis=1)
+    origins, directions = _inside(random, count), _float32(random.normal(size=(count, 3)))
+    clean = make(vertices, triangles)(origins, directions)[0]
+    dirty_mesh = np.concatenate([vertices, bad]), np.concatenate([flat, triangles, infinite]).astype(np.int32)
+    return float((~(make(*dirty_mesh)(origins, directions)[0] == clean)).sum())
+
+
+def _duplicates(make: MakeTrace, count: int) -> float:
+    """Rays for which, of triangles that are there up to eight times, another than the first is hit."""
+    random = np.random.default_rng(15)
+    order = random.permutation(np.repeat(np.arange(300), random.integers(1, 9, 300)))
+    corners = _float32(meshes.random_triangles(random, 300))[order]
+    targets = meshes.points_on_triangles(random, corners[random.integers(len(corners), size=min(count, 200_000))])
+    origins = _float32(random.uniform(-1, 1, targets.shape))
+    vertices, triangles = meshes.soup(corners)
+    triangle = make(vertices, triangles.astype(np.int32))(origins, _float32(targets - origins))[1]
+    found = triangle[triangle >= 0]
+    first = np.unique(order, return_index=True)[1]
+    return float((found != first[order[found]]).sum())
+
+
 def _odd_components(make: MakeTrace, count: int) -> float:
     return _odd_directions(make, count, [1.0])
 
@@ -140,7 +186,7 @@ def _odd_directions(make: MakeTrace, count: int, lengths: list[float]) -> float:
     directions = _float32(directions * random.choice(lengths, (count, 1)))
     origins = _inside(random, count)
     t = np.asarray(make(vertices, triangles)(origins, directions)[0], np.float64)
-    expected = _brute_force(vertices[triangles], origins, directions)
+    expected = closest_hit(vertices[triangles], origins, directions)
     with np.errstate(invalid="ignore"):
         return float((~(np.abs(t / expected - 1) <= ULPS4)).sum())
 
@@ -198,24 +244,6 @@ def _soup(make: MakeTrace, count: int) -> float:
         return float((t > farthest_hit(corners, origins, directions)).sum())
 
 
-def _brute_force(corners: Array, origins: Array, directions: Array) -> Array:
-    """(k,) closest t in float64, inf for a miss (Möller and Trumbore 1997); a hair beyond an edge still counts."""
-    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    length = np.linalg.norm(directions, axis=1)
-    best = np.full(len(origins), np.inf)
-    for part in np.array_split(np.arange(len(origins)), len(origins) * len(corners) // 2_000_000 + 1):
-        d = directions[part] / length[part, None]
-        offset = origins[part, None] - corners[:, 0]
-        moment = np.cross(offset, d[:, None])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scale = -1 / (d @ np.cross(e1, e2).T)
-            u, v = (moment * e2).sum(-1) * scale, -(moment * e1).sum(-1) * scale
-            t = (offset * np.cross(e1, e2)).sum(-1) * scale
-            hit = (np.minimum(np.minimum(u, v), 1 - u - v) >= -1e-12) & (t > 0)
-        best[part] = np.where(hit, t, np.inf).min(axis=1) / length[part]
-    return best
-
-
 def _build_ratio(make: MakeTrace, count: int) -> float:
     """Build time of coincident triangles, in build times of random ones (the least of three each)."""
     random, count = np.random.default_rng(11), min(count, 100_000)
@@ -249,12 +277,15 @@ CASES = (
     Case("N2", "ball of size 1e-6 … 1e6: missed", 0, _scaled),
     Case("N2", "ball times 2^k: other bits", 0, _powers_of_two),
     Case("N3", "on the lines of a grid: missed", 0, _grid),
+    Case("N4", "from and along the sides of boxes: not as brute force", 0, _slabs),
     Case("N5", "components 0 … 1e-8: not as brute force", 0, _odd_components),
     Case("N5", "and lengths 1e-30 … 1e30", 0, _odd_lengths),
     Case("N6", "needles 1e2 … 1e7: missed", 0, lambda make, count: _needles(make, count)[0]),
     Case("N6", "needles 1e2 … 1e7: worst error of t", 1e-6, lambda make, count: _needles(make, count)[1]),
     Case("N6", "edges 2^-7 … 2^-40: missed", 0, _tiny),
+    Case("N7", "triangles without area or with NaN: other hits", 0, _contaminated),
     Case("N8", "build, coincident / random", 3, _build_ratio),
     Case("N9", "nasty soup: inner hits missed", 0, _soup),
+    Case("N10", "coincident triangles: not the first is hit", 0, _duplicates),
     Case("N11", "invalid rays: hits", 0, _invalid_rays),
 )

@@ -74,14 +74,21 @@ INLINE Triangles triangles_at(const Scene *scene, const Int *id, uint lanes)
     return out;
 }
 
-/* The hit point, but not nearer to an edge than EDGE_MARGIN of the triangle's height: rounded, it might lie behind the
- * neighbour, and a ray that leaves would miss that. */
+/* The hit point, but not nearer to an edge than EDGE_MARGIN, in units of the normalised scene: rounded, it might lie behind
+ * the neighbour, and a ray that leaves would miss that. Of a thin triangle, EDGE_SHARE of its height must do. */
 #define EDGE_MARGIN 0x1p-18f
+#define EDGE_SHARE 0x1p-6f
 
 INLINE Vec triangle_point(const Triangles *tri, const Hits *hits)
 {
-    Real margin = (Real)(EDGE_MARGIN);
-    Real u = max1(hits->u, margin), v = max1(hits->v, margin), w = max1(1.0f - hits->u - hits->v, margin);
+    Real u = hits->u, v = hits->v, w = 1.0f - u - v, share = (Real)(EDGE_SHARE);
+    if (lanes_of(min1(u, min1(v, w)) < share) != 0u) {
+        Vec e3 = sub3(tri->e2, tri->e1), area = cross3(tri->e1, tri->e2);
+        Real scale = EDGE_MARGIN / sqrt1(dot3(area, area));
+        u = max1(u, min1(sqrt1(dot3(tri->e2, tri->e2)) * scale, share));
+        v = max1(v, min1(sqrt1(dot3(tri->e1, tri->e1)) * scale, share));
+        w = max1(w, min1(sqrt1(dot3(e3, e3)) * scale, share));
+    }
     Real inv_sum = 2.0f - (u + v + w); /* the sum is near 1 */
     return madd3(tri->e2, v * inv_sum, madd3(tri->e1, u * inv_sum, tri->v0));
 }

@@ -60,6 +60,7 @@ CONTROLS = {
     "relative shadow epsilon": Control("direct.h", "s->q, o), (Real)(1.0f)", "s->q, o), (Real)(1.0f - 1e-3f)"),
     "no id skip": Control("scene.h", "id == ray->self || ", ""),
     "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
+    "no edge margin": Control("surface.h", "if (lanes_of(min1(u, min1(v, w)) < share) != 0u)", "if (false)"),
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
     "shrunken intervals": Control("bvh.h", "lanes_min(in ? along - 2.0f * pad", "lanes_min(in ? along + 1e-2f"),
     "beams of opposite corners": Control("volume.h", " || (s.sz < 0.0f) != (first.sz < 0.0f)", ""),

@@ -31,6 +31,30 @@ def cube() -> Mesh:
     return vertices, sides[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
+def lens(angle: float, sectors: int) -> Mesh:
+    """Two cones of radius 1, closed, that meet at z = 0 under so many degrees; seen counter-clockwise from outside."""
+    turn = 2 * np.pi * np.arange(sectors) / sectors
+    height = np.tan(np.radians(angle) / 2)
+    rim = np.stack([np.cos(turn), np.sin(turn), np.zeros(sectors)], axis=1)
+    a, top = np.arange(sectors), np.full(sectors, sectors)
+    b = np.roll(a, -1)
+    triangles = np.concatenate([np.stack([a, b, top], axis=1), np.stack([b, a, top + 1], axis=1)])
+    return np.concatenate([rim, [(0, 0, height), (0, 0, -height)]]), triangles
+
+
+def subdivided(mesh: Mesh, times: int) -> Mesh:
+    """Each triangle cut into four, so many times; the new vertices are shared too."""
+    vertices, triangles = mesh
+    for _ in range(times):
+        sides = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]], axis=2).reshape(-1, 2)
+        edges, which = np.unique(sides, axis=0, return_inverse=True)
+        (a, b, c), (ab, bc, ca) = triangles.T, (len(vertices) + which.reshape(-1, 3)).T
+        vertices = np.concatenate([vertices, vertices[edges].mean(axis=1)])
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return vertices, triangles
+
+
 def funnel(radii: Floats, sectors: int) -> Mesh:
     """Rings around the origin in z = 0, joined by triangles: of any size, if the radii span many powers of ten."""
     angle = 2 * np.pi * np.arange(sectors) / sectors

@@ -64,6 +64,29 @@ def test_no_path_leaves_a_closed_room(room, place, count):
     assert counts.hits == 21 * count
 
 
+def fine_room(name: str, times: int) -> tuple[Mesh, meshes.Floats]:
+    """A room of many small triangles, askew, and points inside of it."""
+    mesh = meshes.cube() if name == "cube" else meshes.lens(float(name), 12)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    vertices, triangles = meshes.subdivided(mesh, times)
+    inside = 0.4 * meshes.points_inside(np.random.default_rng(1), 100_000, 1.0) * vertices.max(axis=0)
+    return Mesh(name=name, vertices=vertices @ turn, triangles=triangles, material=0), inside @ turn
+
+
+@pytest.mark.parametrize("name", ["cube", "10", pytest.param("60", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("times", [0, 5, pytest.param(8, marks=pytest.mark.slow)])
+def test_no_path_leaves_a_room_of_small_triangles(name, times):
+    """Whose heights are hundreds of times larger than the rounding of places, or more; walls meet at 90, 60, 10°."""
+    room, origins = fine_room(name, times)
+    assert bounces(room, origins, np.random.default_rng(2).normal(size=origins.shape), 20).escaped == 0
+
+
+def test_without_the_margin_at_edges_paths_leave_a_room_of_small_triangles():
+    room, origins = fine_room("cube", 5)
+    directions = np.random.default_rng(2).normal(size=origins.shape)
+    assert bounces(room, origins, directions, 20, "no edge margin").escaped > 20
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_path_that_starts_at_an_edge_leaves_the_room(room):
     vertices, triangles = ROOMS[room]

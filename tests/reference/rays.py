@@ -41,6 +41,27 @@ def hit_errors(vertices: Array, triangles: NDArray[np.integer], o: Array, d: Arr
     return errors
 
 
+def closest_hit(corners: Array, origins: Array, directions: Array, hair: float = 1e-12) -> Array:
+    """(k,): the t of the first of the (m, 3, 3) triangles, inf for a miss (Möller and Trumbore 1997).
+
+    `hair`: how far beyond an edge, in barycentrics, still counts.
+    """
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    length = np.linalg.norm(directions, axis=1)
+    best = np.full(len(origins), np.inf)
+    for part in np.array_split(np.arange(len(origins)), len(origins) * len(corners) // 2_000_000 + 1):
+        d = directions[part] / length[part, None]
+        offset = origins[part, None] - corners[:, 0]
+        moment = np.cross(offset, d[:, None])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = -1 / (d @ np.cross(e1, e2).T)
+            u, v = (moment * e2).sum(-1) * scale, -(moment * e1).sum(-1) * scale
+            t = (offset * np.cross(e1, e2)).sum(-1) * scale
+            hit = (np.minimum(np.minimum(u, v), 1 - u - v) >= -hair) & (t > 0)
+        best[part] = np.where(hit, t, np.inf).min(axis=1) / length[part]
+    return best
+
+
 def farthest_hit(corners: Array, o: Array, d: Array) -> Array:
     """(k,): the t by which rays must have hit one of the (m, 3, 3) triangles; inf if they may miss them all.
 
