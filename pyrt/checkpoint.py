@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.adaptive import FIRST_SAMPLES, Trace
+from pyrt.adaptive import Trace
 from pyrt.errors import UsageError
 from pyrt.files import remove_leftovers
 from pyrt.film import Film
@@ -70,7 +70,7 @@ def _same_target(
 ) -> PartialAdaptive:
     if found.noise != start.noise:
         raise UsageError(f"{path}: it is rendered to the noise {found.noise:g}, expected {start.noise:g}")
-    if extend and found.spp != start.spp and min(found.spp, start.spp) < FIRST_SAMPLES:
+    if extend and found.spp != start.spp:
         raise UsageError(f"{path}: it is rendered with at most {found.spp} samples, expected {start.spp}")
     return found
 
