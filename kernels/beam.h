@@ -40,6 +40,7 @@ INLINE Volume beam_volume(const Scene *scene, const Beam *beam)
                        (float3)(camera->direction_dy[0], camera->direction_dy[1], camera->direction_dy[2])};
     float3 axis = beam->d[0] + beam->d[2];
     Volume volume = volume_empty(scene, beam->o[0]);
+    NO_UNROLL
     for (int i = 0; i < 4; ++i) {
         float3 n = cross3(beam->d[i], along[i & 1]);
         n = dot3(n, axis) > 0.0f ? -n : n; /* outwards: away from the middle of the beam */
@@ -71,6 +72,7 @@ INLINE Box beam_footprint(const Scene *scene, const Beam *beam, int id, float pa
     box_add(&box, v0 + load3(tri->e1));
     box_add(&box, v0 + load3(tri->e2));
     float reach = pad;
+    NO_UNROLL
     for (int i = 0; i < 4; ++i) {
         float slope = dot3(n, beam->d[i]);
         float steepness = abs1(slope) / sqrt1(dot3(beam->d[i], beam->d[i]));
@@ -102,31 +104,46 @@ INLINE bool light_box(const global Light *light, Box *box)
     return true;
 }
 
-/* Candidates of the beam at out[0] and of its shaft to light i at out[1 + i]. */
-INLINE void beam_trace(const Scene *scene, const Beam *beam, int shaft_lights, global Candidates *out)
+/* Around what the beam may hit of its candidates. */
+INLINE Box beam_receivers(const Scene *scene, const Beam *beam, const global Candidates *hits, float pad)
 {
-    for (int i = 0; i <= shaft_lights; ++i)
-        out[i].count = -1;
-    Volume volume = beam_volume(scene, beam);
-    volume_collect(scene, &volume, beam, 0, 0, 0u, out);
-    if (out->count <= 0)
-        return;
     Box receivers = box_empty();
-    for (int lane = 0; lane < out->count; ++lane) {
-        Box box = beam_footprint(scene, beam, out->block.id[lane], volume.pad);
+    NO_UNROLL
+    for (int lane = 0; lane < hits->count; ++lane) {
+        Box box = beam_footprint(scene, beam, hits->block.id[lane], pad);
         if (box.low.x <= box.high.x && box.low.y <= box.high.y && box.low.z <= box.high.z) {
             box_add(&receivers, box.low);
             box_add(&receivers, box.high);
         }
     }
-    for (int i = 0; i < shaft_lights; ++i) {
-        const global Light *light = &scene->lights[i];
+    return receivers;
+}
+
+/* Candidates of the beam at out[0] and of its shaft to light i at out[1 + i]. */
+INLINE void beam_trace(const Scene *scene, const Beam *beam, int shaft_lights, global Candidates *out)
+{
+    for (int i = 0; i <= shaft_lights; ++i)
+        out[i].count = -1;
+    Box receivers;
+    NO_UNROLL
+    for (int i = 0; i <= shaft_lights; ++i) { /* 0: the beam itself; one loop, so that all is compiled once */
+        const global Light *light = &scene->lights[max(i - 1, 0)];
+        Volume volume;
         Box target;
-        if (!light_box(light, &target))
+        if (i == 0) {
+            volume = beam_volume(scene, beam);
+        } else {
+            if (!light_box(light, &target))
+                continue;
+            volume = volume_empty(scene, target.low);
+            volume_add_hull(&volume, receivers, target);
+        }
+        volume_collect(scene, &volume, beam, i > 0 ? out : 0, light->first, i > 0 ? (uint)light->count : 0u, &out[i]);
+        if (i > 0)
             continue;
-        Volume shaft = volume_empty(scene, target.low);
-        volume_add_hull(&shaft, receivers, target);
-        volume_collect(scene, &shaft, beam, out, light->first, (uint)light->count, &out[1 + i]);
+        if (out->count <= 0)
+            return;
+        receivers = beam_receivers(scene, beam, out, volume.pad);
     }
 }
 

@@ -22,6 +22,8 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
+#define NO_UNROLL _Pragma("unroll 1") /* where copies of a loop's body would cost more to compile than they save */
+
 /* Functions of one name for scalars and for packets (packet.h). */
 #if defined(PACKET) && PACKET > 1
 #define OVERLOADED __attribute__((overloadable))

@@ -48,6 +48,7 @@ INLINE void volume_add(Volume *volume, float3 n, float d)
 INLINE uint volume_node_mask(const Volume *volume, const global BvhNode *node)
 {
     int8 outside = !(load8(node->bounds[0][0]) <= load8(node->bounds[0][1])); /* an empty slot */
+    NO_UNROLL
     for (int i = 0; i < volume->count; ++i) {
         float3 n = volume->n[i];
         float8 x = load8(node->bounds[0][n.x < 0.0f]);
@@ -62,6 +63,7 @@ INLINE uint volume_node_mask(const Volume *volume, const global BvhNode *node)
 INLINE uint volume_block_mask(const Volume *volume, const global TriangleBlock *block)
 {
     int8 outside = (int8)(0);
+    NO_UNROLL
     for (int i = 0; i < volume->count; ++i) {
         float3 n = volume->n[i];
         float8 nearest = (float8)(INFINITY);
@@ -86,6 +88,7 @@ INLINE uint beam_block_mask(const Beam *beam, const global TriangleBlock *block,
 {
     int8 negative[3] = {(int8)(-1), (int8)(-1), (int8)(-1)}, positive[3] = {(int8)(-1), (int8)(-1), (int8)(-1)};
     Shear first = shear_from(beam->o[0], beam->d[0]);
+    NO_UNROLL
     for (int i = 0; i < 4; ++i) {
         Shear s = shear_from(beam->o[i], beam->d[i]);
         if (s.kz != first.kz || (s.sz < 0.0f) != (first.sz < 0.0f))
@@ -122,6 +125,7 @@ INLINE void candidates_set(global Candidates *out, int to, const global Triangle
 INLINE bool behind_receivers(const Scene *scene, const global Candidates *receivers, const Beam *beam,
                              const global TriangleBlock *block, int lane)
 {
+    NO_UNROLL
     for (int i = 0; i < receivers->count; ++i) {
         const global Triangle *tri = &scene->triangles[receivers->block.id[i]];
         float3 n = load3(tri->n), v0 = load3(tri->v0);
@@ -188,11 +192,13 @@ INLINE void volume_add_hull(Volume *volume, Box a, Box b)
 {
     float low[2][3] = {{a.low.x, a.low.y, a.low.z}, {b.low.x, b.low.y, b.low.z}};
     float high[2][3] = {{a.high.x, a.high.y, a.high.z}, {b.high.x, b.high.y, b.high.z}};
+    NO_UNROLL
     for (int i = 0; i < 3; ++i) {
         float3 axis = (float3)(i == 0, i == 1, i == 2);
         volume_add(volume, axis, max1(high[0][i], high[1][i]));
         volume_add(volume, -axis, -min1(low[0][i], low[1][i]));
         int j = i == 2 ? 0 : i + 1;
+        NO_UNROLL
         for (int corner = 0; corner < 4; ++corner) {
             float sign_i = corner & 1 ? 1.0f : -1.0f, sign_j = corner & 2 ? 1.0f : -1.0f;
             float ai = corner & 1 ? high[0][i] : low[0][i], bi = corner & 1 ? high[1][i] : low[1][i];
