@@ -19,7 +19,7 @@ _DOCTOR_EXAMPLES = """\
 def add_verbs(verbs: Verbs) -> None:
     """Declares `devices` and `doctor`."""
     add_verb(verbs, "devices", "", _devices, "list the OpenCL devices", _DEVICES_EXAMPLES)
-    text = "check whether this machine's OpenCL can render, and how exact it is"
+    text = "check whether this machine can render, how exact it is, and what repairs it"
     doctor = add_verb(verbs, "doctor", "", _doctor, text, _DOCTOR_EXAMPLES)
     doctor.add_argument("--device", metavar="NAME", help="index or part of the name of the device to probe")
 
@@ -37,7 +37,7 @@ def _devices(args: argparse.Namespace) -> int:
 
 
 def _doctor(args: argparse.Namespace) -> int:
-    from pyrt.doctor import doctor_report
+    from pyrt.checkup import doctor_report
 
     report, sound = doctor_report(args.device)
     print(report)

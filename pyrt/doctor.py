@@ -1,4 +1,4 @@
-"""Whether a device computes as the kernels need it: the probe behind `pyrt doctor`.
+"""Whether a device computes as the kernels need it, which `pyrt doctor` reports and other devices than PoCL's must.
 
 Watertight intersection, bounded errors and the absence of NaN rest on a few properties of the arithmetic. `probe` runs
 kernels/probe.cl, built like every kernel, and compares it with float32 arithmetic of the host, which follows IEEE 754.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.device import Device, choose_device, list_devices
+from pyrt.device import Device
 from pyrt.errors import DeviceError
 
 _COUNT = 8192  # random numbers, beside the special ones
@@ -78,21 +78,6 @@ def require_sound(device: Device) -> None:
     for finding in probe(device):
         if finding.required and not finding.ok:
             raise DeviceError(f"{device.info}: expected {finding.what}, without which {finding.otherwise}")
-
-
-def doctor_report(wanted: str | int | None = None) -> tuple[str, bool]:
-    """Text about this machine's devices and the arithmetic of the chosen one; and whether pyrt can render on that."""
-    lines = []
-    try:
-        chosen = choose_device(wanted)
-        for info in list_devices():
-            lines.append(f"{'*' if info.index == chosen.index else ' '} {info.index}: {info.kind}  {info}")
-        findings = probe(Device(chosen.index))
-    except DeviceError as error:
-        return "\n".join([*lines, f"broken  {error}"]), False
-    sound = all(finding.ok or not finding.required for finding in findings)
-    verdict = "pyrt can render here" if sound else "pyrt cannot render here: choose another --device"
-    return "\n".join([*lines, *(f"  {finding}" for finding in findings), verdict]), sound
 
 
 def measure(device: Device, options: tuple[str, ...] = ()) -> Measured:

@@ -32,6 +32,7 @@ from pathlib import Path
 from pyrt.errors import DeviceError, UsageError
 
 _PREFIX = "pyrt-ld-"
+_ROOM = 2**24  # bytes free for compiled kernels; those of a scene take less than 1 MiB
 
 _SCRIPT = """#!/bin/sh
 # Made by pyrt: links PoCL's kernels without libraries and hands every other command on.
@@ -82,20 +83,52 @@ def limit_threads(count: int) -> None:
     os.environ["POCL_MAX_PTHREAD_COUNT"] = os.environ["POCL_CPU_MAX_CU_COUNT"] = str(count)  # PoCL 3 and 4, and 5 on
 
 
+def linker_in_use() -> str:
+    """The command that links PoCL's kernels, once there was an `ensure_linker`; "" where pyrt need not bring one."""
+    script = Path(os.environ.get("PATH", "").partition(os.pathsep)[0], "ld")
+    if not (_is_ours(str(script.parent)) and script.exists()):
+        return ""
+    return " ".join(shlex.split(script.read_text().rpartition("exec ")[2])[:-1])
+
+
+def kernel_cache() -> Path:
+    """The folder where PoCL keeps compiled kernels."""
+    chosen = os.environ.get("POCL_CACHE_DIR")
+    return Path(chosen) if chosen else Path(_cache_home(), "pocl", "kcache")
+
+
 def ensure_cache() -> None:
     """Make sure that PoCL and pyopencl can cache what they compile: call it before the first look for platforms.
 
-    Where the user's cache folder cannot be written to, as for a user without a home, PoCL reports no device and
-    pyopencl fails. Then a folder of this process alone serves.
+    Where the cache folder cannot be written to, as for a user without a home, PoCL reports no device and pyopencl
+    fails; where the disk is full, PoCL's compiler aborts the process. Then a folder of this process alone serves.
+
+    Raises:
+        DeviceError: the temporary folder is no better.
     """
-    folder = Path(_cache_home())
+    folders = {"XDG_CACHE_HOME": _cache_home(), "POCL_CACHE_DIR": os.environ.get("POCL_CACHE_DIR")}
+    unfit = [name for name, folder in folders.items() if folder and not _has_room(Path(folder))]
+    if not unfit:
+        return
+    try:
+        private = _private_folder()
+    except OSError:
+        private = None
+    if private is None or not _has_room(private):
+        raise DeviceError(
+            f"no room for compiled kernels: {folders[unfit[0]]} and the folder for temporary files are full or cannot "
+            f"be written to; expected {_ROOM >> 20} MiB free in one of them"
+        )
+    os.environ.update(dict.fromkeys(unfit, str(private)))
+
+
+def _has_room(folder: Path) -> bool:
+    """Whether what is compiled can be written to the folder, which is made if need be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
+        return os.access(folder, os.W_OK) and shutil.disk_usage(folder).free >= _ROOM
     except OSError:
-        writable = False
-    if not writable:
-        os.environ["XDG_CACHE_HOME"] = str(_private_folder())
+        return False
 
 
 def _cache_home() -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pyrt.device import DeviceInfo
-from pyrt.doctor import Finding, doctor_report, judge, measure, open_device, probe, require_sound
+from pyrt.doctor import Finding, judge, measure, open_device, probe, require_sound
 from pyrt.errors import DeviceError
 from pyrt.layout import kernel_dir
 from tests.controls import kernels
@@ -99,26 +99,3 @@ def test_other_devices_than_pocl_are_probed_before_use(monkeypatch):
         monkeypatch.setattr(DeviceInfo, "is_pocl", False)
         with pytest.raises(DeviceError, match="rays could slip"):
             open_device()
-
-
-def test_report():
-    text, sound = doctor_report()
-    assert sound
-    assert text.count("\n  ok") == len(PROMISES)
-    assert text.endswith("pyrt can render here")
-
-
-def test_report_of_a_broken_device():
-    with edited("probe.cl", "fma1(a, b, c)", "a * b + c"):
-        text, sound = doctor_report()
-    assert not sound
-    assert "  broken  fused products and sums that round once: missing, so that rays could slip" in text
-    assert text.endswith("choose another --device")
-
-
-def test_report_without_a_device():
-    text, sound = doctor_report("no such device")
-    assert not sound
-    assert 'no OpenCL device matches "no such device"' in text
-
-

@@ -20,7 +20,7 @@ cli_render cli_merge cli_image cli_denoise cli_scene cli_device
 cli_report
 cli_options
 __init__
-api info progress terminal compare
+api info progress terminal compare checkup
 farm
 intersector
 renderer tracer
@@ -41,7 +41,7 @@ gltf_schema
 features geometry bvh image_io schema_errors scene_hash partial
 scene_camera schema sah procedural mesh_data mesh_obj mtl image_file
 schema_camera
-scene layout settings files toolchain schema_types exr_state film signals image_tools denoise
+scene layout settings files toolchain drivers schema_types exr_state film signals image_tools denoise
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}

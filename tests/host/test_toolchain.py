@@ -11,7 +11,7 @@ import pytest
 
 from pyrt import toolchain
 from pyrt.errors import DeviceError
-from pyrt.toolchain import ensure_linker
+from pyrt.toolchain import ensure_cache, ensure_linker, kernel_cache
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="PoCL's linker is looked after on Linux only")
 
@@ -155,3 +155,48 @@ def test_simultaneous_first_starts_leave_one_script(machine):
         folders = set(pool.map(toolchain._install, [linker] * 8))
     (folder,) = folders
     assert [file.name for file in folder.iterdir()] == ["ld"]
+
+
+@pytest.fixture
+def room(tmp_path, monkeypatch):
+    """The bytes free below each folder that is a key, and plenty elsewhere."""
+    free = {}
+    for name in ("cache", "kernels", "temporary"):
+        monkeypatch.setenv(
+            {"cache": "XDG_CACHE_HOME", "kernels": "POCL_CACHE_DIR"}.get(name, "TMPDIR"), str(tmp_path / name)
+        )
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(toolchain.tempfile, "tempdir", str(tmp_path / "temporary"))
+
+    def disk_usage(folder):
+        return SimpleNamespace(free=min((n for name, n in free.items() if name in folder.parts), default=2**40))
+
+    monkeypatch.setattr(toolchain.shutil, "disk_usage", disk_usage)
+    return free
+
+
+def test_a_cache_with_room_is_kept(room, tmp_path):
+    ensure_cache()
+    assert kernel_cache() == tmp_path / "kernels"
+    assert os.environ["XDG_CACHE_HOME"] == str(tmp_path / "cache")
+
+
+@pytest.mark.parametrize(("full", "variable"), [("cache", "XDG_CACHE_HOME"), ("kernels", "POCL_CACHE_DIR")])
+def test_a_full_disk_gives_way_to_the_temporary_folder(room, tmp_path, full, variable):
+    room[full] = 2**20
+    ensure_cache()
+    assert Path(os.environ[variable]).parent == tmp_path / "temporary"
+    room[full] = 2**30
+    before = dict(os.environ)
+    ensure_cache()
+    assert dict(os.environ) == before
+
+
+def test_no_room_at_all_is_one_sentence(room, tmp_path):
+    room |= {"cache": 0, "temporary": 0}
+    with pytest.raises(DeviceError) as caught:
+        ensure_cache()
+    assert str(caught.value) == (
+        f"no room for compiled kernels: {tmp_path / 'cache'} and the folder for temporary files are full or cannot be "
+        "written to; expected 16 MiB free in one of them"
+    )
