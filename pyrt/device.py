@@ -19,8 +19,9 @@ from pyrt.layout import kernel_dir
 from pyrt.toolchain import ensure_cache, ensure_linker
 
 LOCAL_SIZE = 64
-# PoCL compiles a kernel anew for grids below 65,535 work-items and for each local size: one of each is enough.
-_MIN_GLOBAL_SIZE = 65_536
+# PoCL compiles a kernel anew for each local size, and for grids below 65,535 work-items, unless this process has
+# launched it for larger ones. So its first grid is a large one.
+_FIRST_GRID = 65_536
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,14 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
     return fits[0]
 
 
+@dataclass
+class Kernel:
+    """A compiled kernel, and whether it has run."""
+
+    raw: Any
+    launched: bool = False
+
+
 class Device:
     """An opened device: a context, a queue, and the operations that rendering needs."""
 
@@ -144,7 +153,7 @@ class Device:
         """Whether kernels can compute in float64."""
         return "cl_khr_fp64" in self.info.raw.extensions.split()
 
-    def build(self, source: str, options: Sequence[str]) -> dict[str, Any]:
+    def build(self, source: str, options: Sequence[str]) -> dict[str, Kernel]:
         """Compiles a file of `kernels/`; returns its kernels by name."""
         cl, start = self._cl, perf_counter()
         folder = kernel_dir()
@@ -162,7 +171,7 @@ class Device:
                 raise DeviceError(f"{self.info}: {source} does not compile: {first.strip()}") from error
         self.compile_seconds += perf_counter() - start
         # program.all_kernels() never lets go of them (pyopencl 2026.1), nor so of the program's 2 MB
-        return {name: cl.Kernel(program, name) for name in program.kernel_names.split(";")}
+        return {name: Kernel(cl.Kernel(program, name)) for name in program.kernel_names.split(";")}
 
     def upload(self, name: str, array: NDArray[Any]) -> Any:
         """A read-only buffer with the array's bytes, shared with the array where the device allows it."""
@@ -193,27 +202,43 @@ class Device:
         flags = self._cl.mem_flags
         return self._cl.Buffer(self._context, flags.READ_WRITE | flags.ALLOC_HOST_PTR, max(nbytes, 16))
 
-    def run(self, kernel: Any, items: int, *args: Any) -> None:
-        """Runs at least `items` work-items and waits."""
-        size = max(-(-items // LOCAL_SIZE) * LOCAL_SIZE, _MIN_GLOBAL_SIZE)
-        try:
-            kernel(self._queue, (size,), (LOCAL_SIZE,), *args).wait()
-        except self._cl.Error as error:
-            raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
+    def run(self, kernel: Kernel, items: int, *args: Any, fill: Sequence[NDArray[Any]] = ()) -> None:
+        """Runs at least `items` work-items and waits. Its last arguments are contiguous arrays for results, `fill`."""
+        size = -(-items // LOCAL_SIZE) * LOCAL_SIZE
+        shared = [self.share(array) for array in fill]
+        with self._waiting(kernel):
+            grid = size if kernel.launched else max(size, _FIRST_GRID)
+            kernel.raw(self._queue, (grid,), (LOCAL_SIZE,), *args, *shared)
+            # to wait once for the kernel and all arrays takes half the time that waiting for each does
+            for buffer, array in zip(shared, fill, strict=True):
+                self._map(buffer, array.shape, array.dtype, False).base.release(self._queue)
+        kernel.launched = True
 
-    def run_each(self, kernel: Any, groups: int, *args: Any) -> None:
+    def run_each(self, kernel: Kernel, groups: int, *args: Any) -> None:
         """Runs `groups` work-groups of one work-item each, for few and long tasks, and waits."""
+        with self._waiting(kernel):
+            kernel.raw(self._queue, (groups,), (1,), *args)
+
+    @contextmanager
+    def _waiting(self, kernel: Kernel) -> Iterator[None]:
+        """Waits for what the block enqueues, whatever ends it: the device may be at work on the caller's arrays."""
         try:
-            kernel(self._queue, (groups,), (1,), *args).wait()
+            try:
+                yield
+            finally:
+                self._queue.finish()
         except self._cl.Error as error:
-            raise DeviceError(f"{self.info}: {kernel.function_name} failed: {error}") from error
+            raise DeviceError(f"{self.info}: {kernel.raw.function_name} failed: {error}") from error
+
+    def _map(self, buffer: Any, shape: tuple[int, ...], dtype: Any, blocking: bool) -> Any:
+        access = self._cl.map_flags.READ
+        array, _ = self._cl.enqueue_map_buffer(self._queue, buffer, access, 0, shape, dtype, is_blocking=blocking)
+        return array
 
     @contextmanager
     def mapped(self, buffer: Any, shape: tuple[int, ...], dtype: Any) -> Iterator[NDArray[Any]]:
         """The buffer's content as an array, valid inside the `with`; no copy where host and device share memory."""
-        array, _ = self._cl.enqueue_map_buffer(
-            self._queue, buffer, self._cl.map_flags.READ, 0, shape, np.dtype(dtype), is_blocking=True
-        )
+        array = self._map(buffer, shape, np.dtype(dtype), True)
         try:
             yield array
         finally:

@@ -204,10 +204,7 @@ class RayTracer:
             return
         share = self._device.share
         arguments = [share(each) if isinstance(each, np.ndarray) else each for each in inputs]
-        results = [share(array) for array in outputs]
-        self._device.run(self._kernels[kernel], count, np.uint32(count), *arguments, *results)
-        for buffer, array in zip(results, outputs, strict=True):
-            self._device.receive(buffer, array)
+        self._device.run(self._kernels[kernel], count, np.uint32(count), *arguments, fill=outputs)
 
 
 def _arguments(rays: Rays) -> list[Any]:
