@@ -10,6 +10,10 @@ from pyrt.procedural import icosphere
 from pyrt.scene import Mesh
 from tests import meshes
 from tests.controls import CONTROLS, edited, kernels
+from tests.device import test_degenerate as degenerate
+from tests.device import test_spawned_rays as spawned
+from tests.device import test_texture as texture
+from tests.device import test_watertight as watertight
 from tests.reference.rays import hit_errors
 from tests.stress import (
     SHEETS,
@@ -72,6 +76,24 @@ def test_a_relative_shadow_epsilon_sees_the_lamp_through_a_plate():
     with kernels("relative shadow epsilon"):
         assert lit_under_plate(1e-2) == 0
         assert lit_under_plate(1e-4) == 32 * 32
+
+
+TESTS = {
+    "edges that belong to nobody": lambda: watertight.test_axis_parallel_rays_on_the_lines_of_a_grid(0, 1.0),  # N3
+    "slopes bounded too soon": lambda: watertight.test_axis_parallel_rays_on_the_lines_of_a_grid(0, 1.0),  # N5
+    "ties to the first that is found": lambda: degenerate.test_the_lowest_of_coincident_triangles_is_hit(0),  # N10
+    "lamps without offset": lambda: spawned.test_a_lamp_in_a_ceiling_lights_the_room_as_if_there_were_no_ceiling(
+        above=0.0, kind="rectangle"
+    ),  # N15
+    "texels by truncation": lambda: texture.test_image_is_periodic_and_bilinear((3, 5)),  # N27
+}
+
+
+@pytest.mark.parametrize("control", TESTS)
+def test_the_row_s_own_test_fails(control):
+    TESTS[control]()
+    with kernels(control), pytest.raises(AssertionError):
+        TESTS[control]()
 
 
 def test_without_offset_and_id_rays_hit_what_they_leave():

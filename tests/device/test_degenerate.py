@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -123,6 +124,14 @@ def test_pictures_do_not_show_triangles_without_area():
     assert result.stats["dropped"] == {"samples": 0, "triangles": len(mixed) - len(triangles)}
 
 
+def test_triangles_without_area_that_are_kept_are_noticed():
+    def finite(corners: Floats) -> np.ndarray:
+        return (np.abs(corners) < 1e30).all(axis=(1, 2))
+
+    with patch("pyrt.geometry.valid_triangles", finite), np.errstate(all="ignore"), pytest.raises(AssertionError):
+        test_pictures_do_not_show_triangles_without_area()
+
+
 def test_a_mesh_without_valid_triangles_is_never_hit():
     with pytest.warns(UserWarning, match="1 of 1 triangles"):
         tracer = pyrt.RayTracer(np.full((3, 3), np.nan), [[0, 1, 2]])
@@ -135,7 +144,7 @@ def test_a_mesh_without_valid_triangles_is_never_hit():
 def test_the_lowest_of_coincident_triangles_is_hit(seed):
     random = np.random.default_rng(seed)
     once = meshes.random_triangles(random, 300)
-    order = random.permutation(np.repeat(np.arange(300), random.integers(1, 9, 300)))
+    order = random.permutation(np.repeat(np.arange(300), random.integers(1, 60, 300)))
     corners = once[order]
     targets = meshes.points_on_triangles(random, corners)
     origins = random.uniform(-1, 1, targets.shape)
