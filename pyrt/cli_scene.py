@@ -17,6 +17,7 @@ _VALIDATE_EXAMPLES = """\
 """
 _SCHEMA_EXAMPLES = """\
   pyrt schema > scene.schema.json               for editors that check and complete
+  pyrt schema --markdown                        for reading: scenes/REFERENCE.md
 """
 
 
@@ -26,7 +27,8 @@ def add_verbs(verbs: Verbs) -> None:
     add_scene(add_verb(verbs, "info", "SCENE", _info, text, _INFO_EXAMPLES))
     text = "check a scene and the files it names, all errors at once"
     add_scene(add_verb(verbs, "validate", "SCENE", _validate, text, _VALIDATE_EXAMPLES))
-    add_verb(verbs, "schema", "", _schema, "print the JSON Schema of a scene file", _SCHEMA_EXAMPLES)
+    schema = add_verb(verbs, "schema", "", _schema, "print the JSON Schema of a scene file", _SCHEMA_EXAMPLES)
+    schema.add_argument("--markdown", action="store_true", help="print the same as a page of tables")
 
 
 def _info(args: argparse.Namespace) -> int:
@@ -43,6 +45,11 @@ def _validate(args: argparse.Namespace) -> int:
 
 
 def _schema(args: argparse.Namespace) -> int:
+    if args.markdown:
+        from pyrt.schema_reference import scene_reference
+
+        print(scene_reference(), end="")
+        return 0
     from pyrt.schema import json_schema
 
     print(json.dumps(json_schema(), indent=2))

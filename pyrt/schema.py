@@ -32,7 +32,7 @@ from pyrt.schema_types import (
 
 
 class Integrator(Model):
-    """How light is computed, how many samples a pixel gets, and the assignment's single point light."""
+    """How light is computed, how many samples a pixel gets, and a point light beside those of `lights`."""
 
     type: Annotated[Literal["intersection_test", "direct"], expect('"intersection_test" or its alias "direct"')] = (
         Field("intersection_test", description="Direct light through perfect refraction; `direct` is an alias.")
@@ -133,7 +133,7 @@ class AreaLight(Model):
     """Makes an object emit from its front side."""
 
     type: Annotated[Literal["area"], expect('"area"')] = Field("area", description="The only kind.")
-    radiance: Power = Field(description="Emitted radiance, linear Rec.709.")
+    radiance: Power = Field(description="Emitted radiance, linear Rec.709, in watts per steradian and unit of area.")
 
 
 class PointLight(Model):
@@ -162,7 +162,9 @@ class Mesh(Object):
 
     type: Literal["mesh"]
     path: Name = Field(description="Mesh file, relative to the scene file.")
-    transform: Matrix | None = Field(None, description="Affine 4×4 matrix, row-major, applied to column vectors.")
+    transform: Matrix | None = Field(
+        None, description="Invertible affine 4×4 matrix, row-major, applied to column vectors."
+    )
     translate: Vec3 = Field((0.0, 0.0, 0.0), description="Added after the transform.")
 
 
@@ -180,7 +182,7 @@ class Rectangle(Object):
     type: Literal["rectangle"]
     center: Vec3 = Field(description="Centre.")
     edge1: Vec3 = Field(description="Full side vector.")
-    edge2: Vec3 = Field(description="Full side vector.")
+    edge2: Vec3 = Field(description="Full side vector, not parallel to edge1.")
 
     @model_validator(mode="after")
     def _check_area(self) -> Rectangle:
@@ -221,7 +223,7 @@ ObjectModel = Mesh | Sphere | Rectangle | Icosphere
 
 
 class SceneModel(Model):
-    """A scene for pyrt. Right-handed, +Y up; colours are linear Rec.709; paths are relative to the scene file."""
+    """A scene for pyrt: right-handed, +y up; lengths in any unit; colours linear Rec.709; paths relative to it."""
 
     integrator: Integrator = Field(Integrator(), description="How light is computed.")
     film: Film = Field(Film(), description="The picture.")

@@ -82,8 +82,10 @@ class Camera(Model):
     """A pinhole camera. It stands by `position` and `look_at` or by `matrix`, and projects by `fov` or `intrinsics`."""
 
     position: Vec3 = Field((0.0, 0.0, 1.0), description="Where the camera is.")
-    look_at: Vec3 = Field((0.0, 0.0, 0.0), description="The point in the centre of the picture.")
-    ref_up: Vec3 = Field((0.0, 1.0, 0.0), description="The direction that is up in the picture.")
+    look_at: Vec3 = Field(
+        (0.0, 0.0, 0.0), description="The point in the centre of the picture, not the camera's position."
+    )
+    ref_up: Vec3 = Field((0.0, 1.0, 0.0), description="The direction that is up in the picture, not that of the view.")
     fov: Angle = Field(45.0, description="Full vertical angle of view in degrees.")
     focal_length: Positive = Field(1.0, description="Read and not used: a pinhole has none.")
     matrix: Pose | None = Field(

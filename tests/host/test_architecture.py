@@ -20,7 +20,7 @@ cli_render cli_merge cli_image cli_denoise cli_scene cli_device
 cli_report
 cli_options
 __init__
-api info progress terminal compare checkup
+api info progress terminal compare checkup schema_reference
 farm
 intersector
 renderer tracer

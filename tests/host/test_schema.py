@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from jsonschema import Draft202012Validator
 
 from pyrt.cli import main
 from pyrt.schema_errors import validate
+from pyrt.schema_reference import scene_reference
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.json"))
 
@@ -63,3 +65,21 @@ def test_what_pyrt_refuses_it_refuses(path, value, schema):
     assert not schema.is_valid(scene)
     if path != ("objects",):  # which is refused a little later
         assert validate(scene)[2]
+
+
+def test_the_reference_is_up_to_date(capsys):
+    assert main(["schema", "--markdown"]) == 0
+    assert capsys.readouterr().out == (SCENES[0].parent / "REFERENCE.md").read_text(encoding="utf-8"), (
+        "run: python -m pyrt schema --markdown > scenes/REFERENCE.md"
+    )
+
+
+def test_the_reference_has_every_key_and_every_link_a_target(schema):
+    text = scene_reference()
+    for model in [schema.schema, *schema.schema["$defs"].values()]:
+        for key, value in model["properties"].items():
+            assert f"| `{key}` |" in text or "const" in value, key
+    headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    assert len(anchors) == len(headings) == len(schema.schema["$defs"]) + 1
+    assert set(re.findall(r"\(#([^)]*)\)", text)) == anchors - {"the-file"}
