@@ -59,6 +59,13 @@ typedef struct {
     int unused[7];
 } Candidates;
 
+/* Classes of pixels, by what makes their samples differ. */
+#define PIXEL_PLAIN 0    /* one flat surface, and each light wholly visible or wholly hidden */
+#define PIXEL_EDGE 1     /* several surfaces */
+#define PIXEL_PENUMBRA 2 /* one surface, and something may stand before a part of a light */
+#define PIXEL_UNKNOWN 3
+#define PIXEL_CLASSES 4
+
 /* Primitive ids: triangles first, in the order of the scene's shapes, then spheres. */
 
 typedef struct {

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from pyrt.errors import UsageError
 from pyrt.film import Film
-from pyrt.layout import kernel_dir
+from pyrt.layout import constants, kernel_dir
 
 Side = Annotated[int, Field(ge=1, le=1 << 16)]
 Seed = Annotated[int, Field(ge=0, lt=1 << 32)]
@@ -60,7 +60,9 @@ class Partial:
         return len(self.order) * (self.spp - self.first)
 
 
-WAITING, DONE, SETTLED = range(3)  # stages of a pixel: in this round, until the next one, for good
+# Of squared errors with twice the samples, by class of pixels, before it is measured: where all is smooth they fall as
+# n^−3, at edges as n^−1.5.
+_DECAY = (0.125, 0.35, 0.4, 0.45)
 
 
 @dataclass
@@ -70,9 +72,14 @@ class Adaptive:
     Attributes:
         sums: (2, 3, pixels), of the samples and of their squares.
         count: samples of each pixel.
-        error: squared, relative to the pixel's radiance; infinite where it is not known.
-        stage: of each pixel, see above.
-        samples: of each pixel that is not settled, before this round.
+        error: by how much the squared error of a pixel's mean fell when its samples were doubled last, as estimated;
+            relative to its radiance. Infinite where it is not known.
+        level: of each pixel, which has had 2^level samples; 0: none.
+        wanted: the level that it is to have after this round.
+        classes: PIXEL_… of types.h.
+        decay: (classes,), of squared errors with twice the samples.
+        falls: (3, classes): of the pixels that this round has doubled so far the error before and after, and their
+            number.
         dropped: samples that were not finite.
         torn: an exception has left the arrays at odds.
     """
@@ -80,15 +87,27 @@ class Adaptive:
     sums: NDArray[np.float64]
     count: NDArray[np.uint32]
     error: NDArray[np.float64]
-    stage: NDArray[np.uint8]
-    samples: int = 0
+    level: NDArray[np.uint8]
+    wanted: NDArray[np.uint8]
+    classes: NDArray[np.uint8]
+    decay: NDArray[np.float64]
+    falls: NDArray[np.float64]
     dropped: int = 0
     torn: bool = False
 
     @classmethod
     def empty(cls, pixels: int) -> Adaptive:
-        sums, count = np.zeros((2, 3, pixels)), np.zeros(pixels, np.uint32)
-        return cls(sums, count, np.full(pixels, np.inf), np.full(pixels, WAITING, np.uint8))
+        level, unknown = np.zeros(pixels, np.uint8), constants()["PIXEL_UNKNOWN"]
+        return cls(
+            sums=np.zeros((2, 3, pixels)),
+            count=np.zeros(pixels, np.uint32),
+            error=np.full(pixels, np.inf),
+            level=level,
+            wanted=level + np.uint8(1),
+            classes=level + np.uint8(unknown),
+            decay=np.array(_DECAY),
+            falls=np.zeros((3, len(_DECAY))),
+        )
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 Such a file is a picture of the samples so far, with a second part that holds the float64 sums bit for bit, so that
 what is continued or merged has the bits of a render in one go. The part is an image of 32-bit words without
 compression: planes of one double per pixel, row by row, first the number of each pixel's samples, then the six sums of
-each of the film's nodes, or of an adaptive render the six sums, the error and the stage, and at last a row with the
-CRC-32 of all that and of the header.
+each of the film's nodes, or of an adaptive render the six sums, the error and what is packed from level, level wanted
+and class, and at last a row with the CRC-32 of all that and of the header.
 """
 
 from __future__ import annotations
@@ -13,24 +13,28 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pyrt.errors import UsageError
 from pyrt.exr_state import StatePart, read_state
 from pyrt.film import Film, node_keys
+from pyrt.layout import constants
 from pyrt.partial import Adaptive, Index, Partial, PartialAdaptive, Work, require_same
 
 Plane = NDArray[np.float64]
+_CLASSES = constants()["PIXEL_CLASSES"]
+_PerClass = Annotated[list[float], Field(min_length=_CLASSES, max_length=_CLASSES)]
 
 
 @dataclass(frozen=True)
 class _Round:
     noise: float
-    samples: Index
+    decay: _PerClass
+    falls: Annotated[list[_PerClass], Field(min_length=3, max_length=3)]
     dropped: int
 
 
@@ -55,7 +59,8 @@ def state_part(partial: Partial | PartialAdaptive) -> StatePart:
     if isinstance(partial, Partial):
         header = _Header(1, partial.work, partial.spp, samples=(partial.first, partial.end))
     else:
-        rounds = _Round(partial.noise, partial.state.samples, partial.state.dropped)
+        state = partial.state
+        rounds = _Round(partial.noise, state.decay.tolist(), state.falls.tolist(), state.dropped)
         header = _Header(1, partial.work, partial.spp, adaptive=rounds)
     text = TypeAdapter(_Header).dump_json(header)
     rows = header.planes() * partial.work.height + 1
@@ -77,7 +82,8 @@ def _planes(partial: Partial | PartialAdaptive) -> Iterator[Plane]:
         state = partial.state
         yield state.count.astype(np.float64)
         yield from state.sums.reshape(6, -1)
-        yield from (state.error, state.stage.astype(np.float64))
+        yield state.error
+        yield state.level + 256.0 * state.wanted + 65536.0 * state.classes
         return
     yield partial.film.count.astype(np.float64)
     nodes = partial.film.nodes()
@@ -126,12 +132,15 @@ def read_adaptive(path: str | os.PathLike[str], expected: Work, order: NDArray[n
     if header.adaptive is None:
         raise UsageError(f"{path}: it has a fixed number of samples, expected a render with --noise or --time")
     state = Adaptive.empty(len(order))
-    state.samples, state.dropped = header.adaptive.samples, header.adaptive.dropped
+    state.decay, state.falls = np.array(header.adaptive.decay), np.array(header.adaptive.falls)
+    state.dropped = header.adaptive.dropped
     try:
         state.count[order] = _whole(next(planes))
         for target in (*state.sums.reshape(6, -1), state.error):
             target[order] = next(planes)
-        state.stage[order] = _whole(next(planes))
+        packed = _whole(next(planes))
+        for shift, target in ((0, state.level), (8, state.wanted), (16, state.classes)):
+            target[order] = packed >> shift & 0xFF
         next(planes, None)
     except OSError as error:
         raise UsageError(f"{path}: damaged: {error}") from None

@@ -18,6 +18,8 @@ PASS_SAMPLES = 1 << 22  # samples of one pass, by default: 48 MiB of radiance
 _TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 
+Look = Callable[[NDArray[Any], Any, Any], None]
+
 
 @dataclass
 class Tally:
@@ -59,7 +61,7 @@ class SampleTracer:
         parameters: buffer of SceneParams.
         beam_bytes: of one beam and its shafts; 0: no beams.
         scratch: of the same device.
-        pass_samples: at most so many samples in a pass, or one pixel's.
+        pass_samples: at most so many samples in a pass, or one of each pixel of a beam.
         after_pass: called after every pass; returning False stops.
     """
 
@@ -74,9 +76,12 @@ class SampleTracer:
     tally: Tally
     after_pass: Callable[[], bool]
 
-    def trace(self, pixels: NDArray[np.uint32], first_sample: int, samples: int) -> tuple[Film, int]:
+    def trace(
+        self, pixels: NDArray[np.uint32], first_sample: int, samples: int, look: Look | None = None
+    ) -> tuple[Film, int]:
         """Samples first_sample … first_sample + samples − 1 of each pixel (x + 65536 · y).
 
+        `look` is shown the beams of each pass: its PassParams, and the buffers of all the pixels and of the beams.
         Returns the film of these pixels, and how many of them, from the first on, are complete: all, unless stopped.
         """
         film = Film.empty(len(pixels))
@@ -84,11 +89,11 @@ class SampleTracer:
         pixel_buffer = self.device.upload("pixels", pixels)
         planes = self.scratch.buffer("planes", 4 * max(3 * int(p["sample_count"]) * int(p["stride"]) for p in passes))
         counts = self.scratch.buffer("counts", 16 * max(_groups(p) for p in passes))
-        beams = self.scratch.buffer("beams", max(_beams(p) for p in passes) * self.beam_bytes)
+        beams = self.scratch.buffer("beams", max(beam_count(p) for p in passes) * self.beam_bytes)
         for params in passes:
             params["seed"] = self.seed
             start = perf_counter()
-            self._run(params, pixel_buffer, beams, planes, counts)
+            self._run(params, pixel_buffer, beams, planes, counts, look)
             self.tally.render_seconds += perf_counter() - start
             start = perf_counter()
             self._reduce(params, planes, counts, film)
@@ -97,11 +102,13 @@ class SampleTracer:
                 return film, _keep_complete(film, params, first_sample + samples)
         return film, len(pixels)
 
-    def _run(self, params: NDArray[Any], pixels: Any, beams: Any, planes: Any, counts: Any) -> None:
+    def _run(self, params: NDArray[Any], pixels: Any, beams: Any, planes: Any, counts: Any, look: Look | None) -> None:
         head = (params.tobytes(), self.parameters)
         if self.beam_bytes:
             arrays = [self.buffers[name] for name in ("nodes", "triangle_blocks", "triangles", "lights")]
-            self.device.run(self.kernels["trace_beams"], _beams(params), *head, *arrays, pixels, beams)
+            self.device.run(self.kernels["trace_beams"], beam_count(params), *head, *arrays, pixels, beams)
+            if look is not None:
+                look(params, pixels, beams)
         scene = self.buffers.values()
         self.device.run(self.kernels["render"], _items(params), *head, *scene, pixels, beams, planes, counts)
 
@@ -151,9 +158,11 @@ def _tile_grid(width: int, height: int) -> tuple[NDArray[np.uint32], NDArray[np.
 
 
 def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[NDArray[Any]]:
-    """PassParams of each pass: all samples of some pixels, or, if there are too many, a range of them at a time."""
-    sample_step = min(samples, pass_samples)
-    pixel_step = max(1, pass_samples // sample_step)
+    """PassParams of each pass: all samples of some beams, or, if there are too many, a range of them of one beam at a
+    time. Whatever the passes, so, the same pixels share a beam."""
+    beam = constants()["BEAM_PIXELS"]
+    sample_step = min(samples, max(1, pass_samples // beam))
+    pixel_step = max(1, pass_samples // (sample_step * beam)) * beam
     passes = []
     for first_pixel in range(0, pixels, pixel_step):
         for first_sample in range(first, first + samples, sample_step):
@@ -170,7 +179,7 @@ def _items(params: NDArray[Any]) -> int:
     return int(params["pixel_count"]) * int(params["sample_count"])
 
 
-def _beams(params: NDArray[Any]) -> int:
+def beam_count(params: NDArray[Any]) -> int:
     return -(-int(params["pixel_count"]) // constants()["BEAM_PIXELS"])
 
 

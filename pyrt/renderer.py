@@ -22,6 +22,7 @@ from pyrt.device import Device
 from pyrt.device_sah import splitter
 from pyrt.doctor import open_device
 from pyrt.features import build_options, feature_table
+from pyrt.guide import Guide, pixel_counts
 from pyrt.layout import constants, dtypes
 from pyrt.pack import pack_camera, pack_scene
 from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, kernels_hash
@@ -102,7 +103,7 @@ class Renderer:
             seed: of the sample points, 0 … 2^32 − 1.
             size: (width, height) in pixels; None takes the film's.
             noise: stop when the estimated relative error (root mean square over the picture) is at most this.
-            time_limit: stop after so many seconds of this call, but not before all pixels have 16 samples (or `spp`).
+            time_limit: stop after so many seconds of this call, but not before all pixels have 2 samples.
             samples: (first, end): render only the samples first … end − 1 of the picture, for `merge`.
             checkpoint: EXR file that always holds the picture so far, and the film, from which `resume` goes on. It is
                 written at the end, too, and when anything stops the render.
@@ -206,11 +207,14 @@ class Renderer:
         beside: Beside,
     ) -> Result:
         state = Adaptive.empty(len(pixels)) if start is None else start.state
+        shape = (beside.window.y1 - beside.window.y0, beside.window.x1 - beside.window.x0)
+        kernels, order = self._guide_kernels, tile_order(*shape[::-1])
+        guide = Guide(self._device, kernels, self._buffers, tracer.parameters, shape, order)
 
         def result() -> Result:
-            window = beside.window
-            shape = (window.y1 - window.y0, window.x1 - window.x0)
-            return beside.added_to(replace(self._result(summary(state), shape, watch.tally), partial=start))
+            made = self._result(summary(state), shape, watch.tally)
+            made.stats["pixels"] = pixel_counts(state.classes, state.count)
+            return beside.added_to(replace(made, partial=start))
 
         def save() -> None:
             if checkpoint is not None and state.count.any() and not state.torn:
@@ -218,7 +222,7 @@ class Renderer:
 
         saver = Saver(save, every)
         try:
-            refine(tracer.trace, pixels, state, *goal, watch.going, watch.note_error, saver.save_if_due)
+            refine(tracer.trace, guide, pixels, state, *goal, watch.going, watch.note_error, saver.save_if_due)
         finally:
             save()
         return result()
@@ -230,6 +234,10 @@ class Renderer:
         if adaptive:
             return begin_adaptive(work, noise, samples[1], tile_order(*size))
         return begin(work, *samples, tile_order(*size))
+
+    @cached_property
+    def _guide_kernels(self) -> dict[str, Any]:
+        return self._device.build("adaptive.cl", build_options(self._features))
 
     @cached_property
     def _aov_kernels(self) -> dict[str, Any]:

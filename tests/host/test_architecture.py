@@ -27,8 +27,10 @@ renderer tracer
 result
 aov
 watch
-passes doctor checkpoint primitives
+checkpoint primitives
 adaptive
+guide
+passes doctor
 device_sah
 device pack scene_io partial_file
 pack_lights tree scene_json camera rays hit_lists

@@ -65,8 +65,11 @@ def test_an_adaptive_render_comes_back_too(tmp_path):
         sums=np.exp(rng.uniform(-20, 20, (2, 3, pixels))),
         count=rng.integers(0, 2**32, pixels, np.uint32),
         error=np.where(rng.random(pixels) < 0.5, np.inf, rng.random(pixels)),
-        stage=rng.integers(0, 3, pixels, np.uint8),
-        samples=16,
+        level=rng.integers(0, 31, pixels, np.uint8),
+        wanted=rng.integers(0, 31, pixels, np.uint8),
+        classes=rng.integers(0, 4, pixels, np.uint8),
+        decay=rng.random(4),
+        falls=np.exp(rng.uniform(-20, 20, (3, 4))),
         dropped=3,
     )
     order = rng.permutation(pixels)
