@@ -152,6 +152,17 @@ def test_ball_lens_turns_the_view(ior):
     assert_renders(scene, through(path, camera), spp=256, bias=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("test", "form"),
+    [(test_slab_shifts_the_picture, "slab_shift"), (test_ball_lens_turns_the_view, "ball_lens_deviation")],
+)
+def test_a_path_that_is_off_by_a_thousandth_is_noticed(test, form, monkeypatch):
+    right = getattr(analytic, form)
+    monkeypatch.setattr(analytic, form, lambda *arguments: right(*arguments) * 1.001)
+    with pytest.raises(AssertionError):
+        test(1.5)
+
+
 @pytest.mark.parametrize("material", [Refraction(1.0), Dielectric(1.5, 1.5)], ids=["refraction", "dielectric"])
 def test_glass_of_the_same_index_is_invisible(material):
     ball = Sphere(name="ball", center=(0.2, 0, 1.6), radius=0.3, material=1)
