@@ -15,6 +15,7 @@ PROTECTIONS = {
     "box padding": "no box padding",
     "skip of the own primitive": "no id skip",
     "offset of spawned rays": "no offset",
+    "margin at edges": "no edge margin",
 }
 SCENES = ("cornell_area_light", "mesh_room")
 
