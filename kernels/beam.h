@@ -30,9 +30,9 @@ INLINE Beam beam_of_pixels(const Scene *scene, const global uint *pixels, uint c
     return beam;
 }
 
-/* Four sides, which meet in the pinhole, so that nothing behind it is inside. (A plane across the axis where the rays start
- * would cut rays off: on the axis of a wide beam some of them run back.) A side contains a corner ray and runs along the
- * film's x or y: the cross product of two corner rays, nearly parallel, would lose the digits. */
+/* Four sides, and a plane across the axis where the rays start, unless some run back along it, as in a wide beam. A side
+ * contains a corner ray and runs along the film's x or y: the cross product of two corner rays, nearly parallel, would lose
+ * the digits. */
 INLINE Volume beam_volume(const Scene *scene, const Beam *beam)
 {
     const constant Camera *camera = &scene->params->camera;
@@ -40,12 +40,17 @@ INLINE Volume beam_volume(const Scene *scene, const Beam *beam)
                        (float3)(camera->direction_dy[0], camera->direction_dy[1], camera->direction_dy[2])};
     float3 axis = beam->d[0] + beam->d[2];
     Volume volume = volume_empty(scene, beam->o[0]);
+    float start = -INFINITY, forwards = INFINITY;
     NO_UNROLL
     for (int i = 0; i < 4; ++i) {
         float3 n = cross3(beam->d[i], along[i & 1]);
         n = dot3(n, axis) > 0.0f ? -n : n; /* outwards: away from the middle of the beam */
         volume_add(&volume, n, max1(dot3(n, beam->o[i]), dot3(n, beam->o[(i + 1) & 3])));
+        start = max1(start, -dot3(axis, beam->o[i]));
+        forwards = min1(forwards, dot3(axis, beam->d[i]));
     }
+    if (forwards > 0.01f * dot3(axis, axis))
+        volume_add(&volume, -axis, start);
     return volume;
 }
 

@@ -16,13 +16,14 @@ static uint shaft_count(constant SceneParams *params)
 /* Before a pass: what each beam of BEAM_PIXELS pixels can meet; one work-item per beam. */
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void trace_beams(const PassParams pass, constant SceneParams *params, const global BvhNode *nodes,
-                 const global TriangleBlock *triangle_blocks, const global Triangle *triangles,
-                 const global Light *lights, const global uint *pixels, global Candidates *candidates)
+                 const global TriangleBlock *triangle_blocks, const global SphereBlock *sphere_blocks,
+                 const global Triangle *triangles, const global Light *lights, const global uint *pixels,
+                 global Candidates *candidates)
 {
     uint first = (uint)get_global_id(0) * BEAM_PIXELS;
     if (first >= pass.pixel_count)
         return;
-    const Scene scene = {params, nodes, triangle_blocks, 0, triangles, 0, 0, 0, 0, 0, lights, 0};
+    const Scene scene = {params, nodes, triangle_blocks, sphere_blocks, triangles, 0, 0, 0, 0, 0, lights, 0};
     Beam beam = beam_of_pixels(&scene, pixels + pass.first_pixel + first, min(pass.pixel_count - first, (uint)BEAM_PIXELS));
     uint shafts = shaft_count(params);
     beam_trace(&scene, &beam, (int)shafts, candidates + (first / BEAM_PIXELS) * (1u + shafts));

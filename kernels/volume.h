@@ -75,6 +75,19 @@ INLINE uint volume_block_mask(const Volume *volume, const global TriangleBlock *
     return ~mask8(outside) & 0xffu;
 }
 
+/* Whether a sphere of the block reaches into the volume. */
+INLINE bool volume_meets_spheres(const Volume *volume, const global SphereBlock *block)
+{
+    int8 outside = !(load8(block->radius) >= 0.0f); /* an unused lane */
+    NO_UNROLL
+    for (int i = 0; i < volume->count; ++i) {
+        float3 n = volume->n[i];
+        float8 along = n.x * load8(block->center[0]) + n.y * load8(block->center[1]) + n.z * load8(block->center[2]);
+        outside |= !(along - load8(block->radius) <= volume->d[i]);
+    }
+    return mask8(outside) != 0xffu;
+}
+
 /* Four rays from one point, in order around a convex beam. */
 typedef struct {
     float3 o[4];
@@ -160,8 +173,11 @@ INLINE void volume_collect(const Scene *scene, const Volume *volume, const Beam 
                 stack[top++] = node->child[lowest_bit(mask)];
             continue;
         }
-        if (HAS_SPHERES && (~reference & 1) == BLOCK_SPHERES)
-            return;
+        if (HAS_SPHERES && (~reference & 1) == BLOCK_SPHERES) {
+            if (volume_meets_spheres(volume, &scene->sphere_blocks[~reference >> 1]))
+                return;
+            continue;
+        }
         const global TriangleBlock *block = &scene->triangle_blocks[~reference >> 1];
         uint mask = volume_block_mask(volume, block);
         if (!receivers && mask != 0u)

@@ -6,7 +6,7 @@ import pytest
 import pyrt
 from tests.controls import kernels
 
-SCENES = ["cornell", "cornell_two_lights", "cornell_area_light", "mesh_room"]
+SCENES = ["cornell", "cornell_two_lights", "cornell_area_light", "mesh_room", "showcase"]
 SIZE, SPP = (96, 72), 4
 
 
