@@ -46,8 +46,9 @@ class Hits:
 class RayTracer:
     """A mesh that rays can be traced against.
 
-    The mesh may lie anywhere and have any size: it is normalised in float64. Triangles that are not finite or have no
-    area cannot be hit; they are counted in `dropped` and warned about once.
+    The mesh may lie anywhere and have any size: it is normalised in float64, and then kept in float32. So a ray that
+    starts on the surface starts within 2^-22 of the mesh's size of it, on either side. Triangles that are not finite or
+    have no area cannot be hit; they are counted in `dropped` and warned about once.
 
     Args:
         vertices: (n, 3) float.
@@ -112,9 +113,9 @@ class RayTracer:
     ) -> AllHits:
         """Every hit with 0 < t < t_max, or the `max_hits` nearest of each ray.
 
-        A ray through an edge or a corner passes through one of the triangles there. Where it touches an outline, it hits
-        twice, in and out; so the number of hits tells inside from outside, unless the ray runs within the plane of a
-        triangle that it touches. No hit is lost on the border of an open mesh. Arguments and errors as for `closest`.
+        A ray through an edge or a corner passes through one of the triangles there. Where it touches an outline, it
+        hits twice, in and out; so the number of hits tells inside from outside, unless the ray runs within the plane of
+        a triangle that it touches. No hit is lost on the border of an open mesh. Arguments and errors as for `closest`.
         """
         rays = make_rays(origins, directions, t_max)
         parts: list[Part] = []
@@ -154,22 +155,29 @@ class RayTracer:
         return found, local.invalid if local else bad
 
     def locate(
-        self, origins: ArrayLike, directions: ArrayLike, ray: NDArray[np.int64], triangle: NDArray[np.int64]
+        self, origins: ArrayLike, directions: ArrayLike, ray: ArrayLike, triangle: ArrayLike
     ) -> NDArray[np.float64]:
         """(h, 3) points where the rays numbered `ray` (h,) meet the planes of the triangles (h,) that they hit.
 
         A point lies on its ray and its plane but for the rounding of float64.
+
+        Raises:
+            UsageError: shapes do not fit, or there is no such ray or triangle (-1, say, which stands for a miss).
         """
         rays = make_rays(origins, directions, np.inf)
-        out = np.empty((len(ray), 3))
-        for start in range(0, len(ray), BATCH):
+        rows = _indices("ray", ray, len(rays))
+        hit = _indices("triangle", triangle, len(self._local_corners))
+        if len(rows) != len(hit):
+            raise UsageError(f"triangle: expected as many as in ray, {len(rows)}, got {len(hit)}")
+        out = np.empty((len(rows), 3))
+        for start in range(0, len(rows), BATCH):
             part = slice(start, start + BATCH)
-            o, d = (np.asarray(a[ray[part]], np.float64) for a in (rays.origins, rays.directions))
+            o, d = (np.asarray(a[rows[part]], np.float64) for a in (rays.origins, rays.directions))
             if self._double:
-                inputs = [*self._scene[-1:], self._local_corners, o, d, triangle[part]]
+                inputs = [*self._scene[-1:], self._local_corners, o, d, hit[part]]
                 self._launch("trace_points", len(o), inputs, [out[part]])
             else:
-                out[part] = plane_points(self._space, self._local_corners, o, d, triangle[part])
+                out[part] = plane_points(self._space, self._local_corners, o, d, hit[part])
         return out
 
     @cached_property
@@ -209,6 +217,16 @@ class RayTracer:
 
 def _arguments(rays: Rays) -> list[Any]:
     return [rays.origins, rays.directions, rays.t_max, np.uint32(rays.t_max.shape != (1,))]
+
+
+def _indices(name: str, values: ArrayLike, count: int) -> Ints:
+    """The values (h,) as int64. Raises UsageError unless they are whole numbers from 0 to count - 1."""
+    array = np.asarray(values)
+    if array.ndim != 1 or not (np.issubdtype(array.dtype, np.integer) or array.size == 0):
+        raise UsageError(f"{name}: expected an integer array of shape (h,), got {array.dtype} {array.shape}")
+    if array.size and not (0 <= array.min() and array.max() < count):
+        raise UsageError(f"{name}: expected indices from 0 to {count - 1}, got {array.min()} to {array.max()}")
+    return np.ascontiguousarray(array, np.int64)
 
 
 def _corners(vertices: ArrayLike, triangles: ArrayLike) -> NDArray[np.float64]:

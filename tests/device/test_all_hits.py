@@ -220,3 +220,27 @@ def test_a_ray_in_the_plane_of_a_triangle_is_located_on_it():
     points = tracer.locate([[-1.0, 0.25, 0]], [[1.0, 0, 0]], np.zeros(1, np.int64), np.zeros(1, np.int64))
     assert np.isfinite(points).all()
     assert 0 <= points[0, 0] <= 1
+
+
+def test_points_are_located_by_indices_of_any_kind():
+    tracer = pyrt.RayTracer([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    o, d = [[0.2, 0.3, 1.0]] * 2, [[0.0, 0, -1]] * 2
+    hits = tracer.closest(o, d)
+    for ray in ([1, 0], np.uint8([1, 0]), np.arange(4)[1::-1]):
+        assert np.array_equal(tracer.locate(o, d, ray, hits.triangle), [[0.2, 0.3, 0.0]] * 2)
+    assert tracer.locate(o, d, [], []).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("ray", "triangle", "message"),
+    [
+        ([0, 1], [0, -1], "triangle: expected indices from 0 to 0, got -1 to 0"),
+        ([0, 2], [0, 0], "ray: expected indices from 0 to 1, got 0 to 2"),
+        ([0, 1], [0], "triangle: expected as many as in ray, 2, got 1"),
+        ([0.0], [0], r"ray: expected an integer array of shape \(h,\), got float64 \(1,\)"),
+    ],
+)
+def test_points_that_there_are_not_are_refused(ray, triangle, message):
+    tracer = pyrt.RayTracer([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    with pytest.raises(pyrt.UsageError, match=message):
+        tracer.locate([[0.2, 0.3, 1.0]] * 2, [[0.0, 0, -1]] * 2, ray, triangle)
