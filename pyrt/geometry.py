@@ -7,8 +7,9 @@ scene by 2^k changes no bit of the result.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -44,35 +45,54 @@ class Triangles:
     source: NDArray[np.int32]  # (m,), index of the triangle within its shape
     dropped: int  # triangles that were not finite, or had no area
 
+    def of_shape(self, index: int) -> NDArray[np.intp]:
+        """The triangles of Scene.shapes[index]."""
+        return np.arange(*np.searchsorted(self.shape, (index, index + 1)))
+
 
 def rectangle_corners(rectangle: Rectangle) -> NDArray[np.float64]:
     """Corners in the order (u, v) = (0, 0), (1, 0), (1, 1), (0, 1), as a (4, 3) array."""
-    c, e1, e2 = (np.asarray(v, np.float64) for v in (rectangle.center, rectangle.edge1, rectangle.edge2))
+    return np.asarray(_rectangles_corners([rectangle])[0])
+
+
+def _rectangles_corners(rectangles: Sequence[Rectangle]) -> NDArray[np.float64]:
+    """The same of k rectangles, as a (k, 4, 3) array."""
+    c, e1, e2 = np.array([(r.center, r.edge1, r.edge2) for r in rectangles], np.float64).transpose(1, 0, 2)
     low = c - 0.5 * e1 - 0.5 * e2
-    return np.stack([low, low + e1, low + e1 + e2, low + e2])
+    return np.stack([low, low + e1, low + e1 + e2, low + e2], axis=1)
 
 
 def gather_triangles(scene: Scene) -> Triangles:
     """All triangles of meshes and rectangles; those that no ray can meet are dropped and counted."""
     corners, shapes, sources = [np.empty((0, 3, 3))], [np.empty(0, np.int32)], [np.empty(0, np.int32)]
     dropped = 0
-    for index, shape in enumerate(scene.shapes):
-        c = _shape_triangles(shape)
+    for first, count, c in _runs(scene.shapes):
         keep = np.flatnonzero(valid_triangles(c))
         dropped += len(c) - len(keep)
+        shape, each = scene.shapes[first], max(len(c) // count, 1)
         if isinstance(shape, Mesh) and shape.radiance is not None:
             keep = keep[_canonical_order(c[keep])]
         corners.append(c[keep])
-        shapes.append(np.full(len(keep), index, np.int32))
-        sources.append(keep.astype(np.int32))
+        shapes.append((first + keep // each).astype(np.int32))
+        sources.append((keep % each).astype(np.int32))
     return Triangles(np.concatenate(corners), np.concatenate(shapes), np.concatenate(sources), dropped)
 
 
-def _shape_triangles(shape: Shape) -> NDArray[np.float64]:
-    """Corners as an (m, 3, 3) array; none for a sphere."""
-    if isinstance(shape, Mesh):
-        return np.asarray(shape.vertices[shape.triangles])
-    return rectangle_corners(shape)[[[0, 1, 2], [0, 2, 3]]] if isinstance(shape, Rectangle) else np.empty((0, 3, 3))
+def _runs(shapes: Sequence[Shape]) -> Iterator[tuple[int, int, NDArray[np.float64]]]:
+    """Shapes made of triangles: the index of the first, how many, and their corners (m, 3, 3), as many of each shape.
+
+    A mesh alone, and rectangles with those that follow, since numpy takes as long for one as for a hundred.
+    """
+    start = 0
+    for kind, group in groupby(shapes, type):
+        run = list(group)
+        if kind is Rectangle:
+            corners = _rectangles_corners([shape for shape in run if isinstance(shape, Rectangle)])
+            yield start, len(run), corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+        for index, shape in enumerate(run, start):
+            if isinstance(shape, Mesh):
+                yield index, 1, shape.vertices[shape.triangles]
+        start += len(run)
 
 
 def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:

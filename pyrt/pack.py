@@ -162,7 +162,7 @@ def _pack_corners(scene: Scene, triangles: Triangles) -> tuple[NDArray[Any], NDA
     for i, shape in enumerate(scene.shapes):
         if not has_corners(shape, textures):
             continue
-        mine = np.flatnonzero(triangles.shape == i)
+        mine = triangles.of_shape(i)
         index[mine] = count + np.arange(len(mine), dtype=np.int32)
         parts.append(shape_corners(shape, triangles.source[mine]))
         count += len(mine)

@@ -24,6 +24,7 @@ from pyrt.scene import PointLight, Rectangle, Scene, Sphere
 # the same to float32's precision, and no square of a distance overflows.
 _FARTHEST = 2.0**24
 
+
 def pack_lights(
     scene: Scene, triangles: Triangles, corners: NDArray[np.float64], space: Normalisation
 ) -> tuple[NDArray[Any], NDArray[np.int32], NDArray[np.uint32]]:
@@ -33,7 +34,7 @@ def pack_lights(
     cdfs = [np.empty(0, np.uint32)]
     sphere_id = len(triangles.shape)
     for i, shape in enumerate(scene.shapes):
-        mine = np.flatnonzero(triangles.shape == i)
+        mine = triangles.of_shape(i) if shape.radiance is not None else np.empty(0, np.intp)
         if shape.radiance is not None and (isinstance(shape, Sphere) or len(mine)):
             light_of_shape[i] = len(rows)
             if isinstance(shape, Sphere):

@@ -72,7 +72,8 @@ def sine(a: Sequence[float], b: Sequence[float]) -> float:
     length_a, length_b = math.hypot(*a), math.hypot(*b)
     if length_a == 0 or length_b == 0:
         return 0.0
-    return float(np.linalg.norm(np.cross(np.divide(a, length_a), np.divide(b, length_b))))
+    (ax, ay, az), (bx, by, bz) = ([x / length_a for x in a], [x / length_b for x in b])
+    return math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
 # far inside the range of double, so that squares and cubes of what a scene holds are finite too
