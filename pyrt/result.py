@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from pyrt import __version__
 from pyrt.aov import exr_planes
-from pyrt.camera import film_plane, world_to_camera, world_to_ndc
+from pyrt.camera import FilmPlane, film_plane, world_to_camera, world_to_ndc
 from pyrt.image_file import Attribute
 from pyrt.partial import Partial, PartialAdaptive
 from pyrt.partial_file import state_part
 from pyrt.scene import Scene
-from pyrt.scene_hash import scene_hash
 from pyrt.settings import Window
 
 
@@ -114,11 +113,13 @@ class Beside:
     """What a picture comes with, beside its samples.
 
     Attributes:
+        scene_hash: see there.
         window: its pixels.
         aovs: those that were asked for, by name; None for variance and samples.
     """
 
     scene: Scene
+    scene_hash: str
     seed: int
     window: Window
     aovs: dict[str, NDArray[Any] | None]
@@ -134,12 +135,20 @@ class Beside:
         plane = film_plane(self.scene.camera, *size)
         first = partial.first if isinstance(partial, Partial) else 0
         spp = int(result.samples.max())
-        out = sample_metadata(scene_hash(self.scene), self.seed, first, spp, result.stats["device"])
+        out = sample_metadata(self.scene_hash, self.seed, first, spp, result.stats["device"])
         out |= {
             "pyrt:scene": self.scene.name,
-            "worldToCamera": world_to_camera(plane),
-            "worldToNDC": world_to_ndc(plane, *size),
-        }
+        } | _matrices(plane, *size)
         if "SOURCE_DATE_EPOCH" not in os.environ:
             out["pyrt:seconds"] = float(sum(result.stats["seconds"].values()))
         return out
+
+
+def _matrices(plane: FilmPlane, width: int, height: int) -> dict[str, Attribute]:
+    """Those that a header's float32 can hold: a film of next to no angle has none."""
+    with np.errstate(all="ignore"):
+        try:
+            found = {"worldToCamera": world_to_camera(plane), "worldToNDC": world_to_ndc(plane, width, height)}
+        except np.linalg.LinAlgError:
+            return {}
+    return {name: matrix for name, matrix in found.items() if np.abs(matrix).max() <= np.finfo(np.float32).max}

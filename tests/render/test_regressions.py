@@ -222,3 +222,12 @@ def test_the_command_line_answers_with_a_sentence(tmp_path, monkeypatch, capsys,
     monkeypatch.chdir(tmp_path)
     assert main(["render", "example:cornell", *words]) == code
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("fov", [1e-30, 1e-200, 5e-324])
+def test_a_camera_of_next_to_no_angle_has_a_picture_though_not_every_matrix(fov):
+    scene = seen_from_above(1, objects=[floor(0.5, light={"radiance": [1, 1, 1]})])
+    scene["camera"]["fov"] = fov
+    result = render(scene)
+    np.testing.assert_array_equal(result.image, 1)
+    assert all(np.isfinite(np.float32(m)).all() for name, m in result.metadata.items() if name.startswith("world"))
