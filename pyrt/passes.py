@@ -105,7 +105,8 @@ class SampleTracer:
     def _run(self, params: NDArray[Any], pixels: Any, beams: Any, planes: Any, counts: Any, look: Look | None) -> None:
         head = (params.tobytes(), self.parameters)
         if self.beam_bytes:
-            arrays = [self.buffers[name] for name in ("nodes", "triangle_blocks", "sphere_blocks", "triangles", "lights")]
+            names = ("nodes", "triangle_blocks", "sphere_blocks", "triangles", "lights")
+            arrays = [self.buffers[name] for name in names]
             self.device.run(self.kernels["trace_beams"], beam_count(params), *head, *arrays, pixels, beams)
             if look is not None:
                 look(params, pixels, beams)
