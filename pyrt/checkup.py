@@ -15,7 +15,13 @@ from pyrt.drivers import installed_drivers, limiting_variables
 from pyrt.errors import DeviceError
 from pyrt.toolchain import ensure_cache, kernel_cache, linker_in_use
 
-_SELF_TEST = "import sys; from pyrt.checkup import print_self_test as test; sys.exit(test(*sys.argv[1:]))"
+_HERE = str(Path(__file__).parents[1])
+_SELF_TEST = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from pyrt.checkup import print_self_test
+sys.exit(print_self_test(*sys.argv[2:]))
+"""
 
 
 def doctor_report(wanted: str | int | None = None) -> tuple[str, bool]:
@@ -57,7 +63,7 @@ def print_self_test(wanted: str | None = None) -> int:
 
 def _self_test(wanted: str | int | None) -> tuple[list[str], bool]:
     """`device_report` of a process of its own, as drivers have ways to end theirs."""
-    command = [sys.executable, "-c", _SELF_TEST, *([] if wanted is None else [str(wanted)])]
+    command = [sys.executable, "-c", _SELF_TEST, _HERE, *([] if wanted is None else [str(wanted)])]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace")
     lines = done.stdout.splitlines()
     if done.returncode not in (0, DeviceError.exit_code):

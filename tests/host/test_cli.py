@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,15 @@ def test_every_verb_teaches_by_example(verb, capsys):
     assert "exit codes:\n  0 done" in text
     assert text.isascii()  # or it could not be printed everywhere
     assert max(map(len, text.splitlines())) <= 120
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_examples_of_the_help_have_options_that_there_are(verb):
+    parser, verbs = _parsers()
+    commands = re.findall(r"^  pyrt ((?:\S+ ?)+)", verbs[verb].format_help(), re.MULTILINE)
+    assert commands
+    for command in commands:
+        parser.parse_args(shlex.split(re.split(r">|&&|\|\|", command)[0]))
 
 
 @pytest.mark.parametrize(

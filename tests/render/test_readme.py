@@ -1,4 +1,4 @@
-"""README's command lines run, in the order of the page, made small: see `_SMALL`. Heavy ones are only parsed."""
+"""The examples of the READMEs run, in the order of the page, made small: see `_SMALL`. Heavy ones are only parsed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import shlex
 from contextlib import redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -28,6 +30,25 @@ _SMALL = {
     "512:1024": "2:4",
     "[640,360]": "[24,18]",
 }
+_SMALL_PYTHON = {
+    "size=(128, 128)": "size=(24, 18)",
+    "noise=0.005": "noise=0.1",
+    "spp=1024": "spp=4",
+}
+_NAMES = """
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import trimesh
+
+import pyrt
+
+mesh = trimesh.creation.box()
+vertices, triangles = mesh.vertices, mesh.faces
+origins, directions = np.array([[0.1, 0.2, 3], [9, 9, 9]]), np.array([[0, 0, -1], [0, 0, -1]])
+points = np.zeros((1, 3))
+"""
 
 
 def commands() -> list[str]:
@@ -40,6 +61,15 @@ def commands() -> list[str]:
         assert large in lines, "nothing to replace any more"
         lines = lines.replace(large, little)
     return [line for line in lines.splitlines() if line.startswith("pyrt ")]
+
+
+def python_blocks() -> list[str]:
+    """README's examples in Python, made small."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for large, little in _SMALL_PYTHON.items():
+        assert large in text, "nothing to replace any more"
+        text = text.replace(large, little)
+    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def is_heavy(words: list[str]) -> bool:
@@ -82,3 +112,40 @@ def test_the_examples_run(folder: Path) -> None:
     for name in ("cornell.exr", "cornell.png", "stats.json", "scene.schema.json", "picture.png"):
         assert (folder / name).stat().st_size > 0
     assert json.loads((folder / "scene.schema.json").read_text())["$schema"]
+
+
+def test_the_tour_in_python_runs(folder: Path) -> None:
+    blocks = python_blocks()
+    assert len(blocks) == 2
+    names: dict[str, Any] = {}
+    exec(_NAMES + blocks[0], names)
+    assert names["result"].image.shape == (18, 24, 3)
+    assert names["result"].image.dtype == np.float32
+    assert (folder / "cornell.exr").stat().st_size > 0
+    assert names["preview"].samples.max() == 4
+    assert names["clean"].stats["noise"] <= 0.1
+    assert list(names["hits"].triangle >= 0) == [True, False]
+    assert list(names["dark"]) == [False, False]
+    assert list(names["every"].ray) == [0, 0]
+    assert list(names["inside"]) == [True]
+    assert len(names["locations"]) == 2
+    compile(blocks[1], "README.md", "exec")
+
+
+@pytest.mark.slow
+def test_the_executor_of_the_page_runs(folder: Path) -> None:
+    names: dict[str, Any] = {}
+    exec(_NAMES + python_blocks()[1], names)
+    assert names["result"].samples.min() == 4
+
+
+def test_overrides_for_models_work(folder: Path) -> None:
+    """Those of scenes/README.md."""
+    text = (ROOT / "scenes" / "README.md").read_text(encoding="utf-8")
+    settings = re.findall(r"`--set (.*?)`", text)
+    assert len(settings) >= 5
+    box = trimesh.creation.box()
+    box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="Body"))
+    box.export("model.glb")
+    for words in settings:
+        assert main(["validate", "model.glb", "--set", *shlex.split(words)]) == 0, words
