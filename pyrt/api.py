@@ -31,7 +31,11 @@ def render(
     device: str | int | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Renders a scene, a dict in the scene format, or a scene file. Arguments as for `Renderer` and its `render`."""
+    """Renders a `Scene`, or what `load_scene` takes. The other arguments are those of `Renderer` and its `render`.
+
+    Raises:
+        SceneError, UsageError, DeviceError: as for `load_scene`, `Renderer` and its `render`.
+    """
     if not isinstance(scene, Scene):
         scene = load_scene(scene, size=size)
     return Renderer(scene, device, progress=progress).render(

@@ -59,10 +59,14 @@ def render_parallel(
     filling it.
 
     Args:
+        scene: a scene file, a model, `example:NAME` or a dict, as for `load_scene`.
+        executor: any concurrent.futures.Executor, or one that behaves so.
         parts: ranges of samples, one for each worker at best.
+        spp, seed, size, device: as for `Renderer` and its `render`.
 
     Raises:
         UsageError: `parts` is not from 1 to spp, or the workers' devices are of different kinds.
+        SceneError, DeviceError: as for `load_scene` and `Renderer`; a worker's come here.
     """
     spp = load_scene(scene).spp if spp is None else spp
     if not 1 <= parts <= spp:

@@ -45,6 +45,11 @@ class Renderer:
         device: index or part of the name of an OpenCL device; None chooses. Or an open one.
         all_features: compile every feature in, needed or not (the image is the same).
         beams: look ahead what the rays of neighbouring pixels can hit (the image is the same).
+        build_flags: more options for the OpenCL compiler.
+        progress: called with a dict at each stage ("build", "compile", then as for `render`).
+
+    Raises:
+        DeviceError: no device can be used, or the scene does not fit it.
     """
 
     def __init__(

@@ -56,12 +56,17 @@ class Result:
     def save(
         self, path: str | Path, *, exposure: float = 0.0, view: str | None = None, half: bool = True
     ) -> tuple[str, ...]:
-        """Writes the picture; the format follows from the extension. Returns warnings (see `image_io.write_image`).
+        """Writes the picture, all of the file or nothing. Returns warnings about what the format cannot hold.
 
         Args:
+            path: a name ending in .exr, .hdr, .tif, .tiff or .npy, for linear values, or .png, .jpg or .jpeg.
             exposure: PNG and JPEG are brightened by 2^exposure.
             view: how PNG and JPEG show what is brighter than white: None clips, "aces" is a film-like tone curve.
             half: 16 bits for the colours of EXR files; else 32.
+
+        Raises:
+            UsageError: the name has another ending, there is no such folder or no such view.
+            PyrtError: the file cannot be written.
         """
         from pyrt.image_io import write_image
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import textwrap
 from contextlib import redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import pyrt
 from pyrt.cli import _parsers, main
 
 ROOT = Path(__file__).parents[2]
@@ -130,6 +132,14 @@ def test_the_tour_in_python_runs(folder: Path) -> None:
     assert list(names["inside"]) == [True]
     assert len(names["locations"]) == 2
     compile(blocks[1], "README.md", "exec")
+
+
+def test_the_example_of_the_package_runs(folder: Path) -> None:
+    example = re.search(r"\n\n((?:    .*\n)+)", pyrt.__doc__ or "")
+    assert example
+    (folder / "cornell.exr").unlink(missing_ok=True)
+    exec(textwrap.dedent(example[1]), {})
+    assert (folder / "cornell.exr").stat().st_size > 0
 
 
 @pytest.mark.slow
