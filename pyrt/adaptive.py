@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.film import Film
-from pyrt.guide import Guide
+from pyrt.guide import GAIN_BINS, GAIN_STEPS, LOW_GAIN, Guide
 from pyrt.partial import Adaptive
 
 FIRST_SAMPLES = 2
@@ -33,9 +33,10 @@ _PART = 1 << 26  # samples between two chances to save
 _RADIANCE_FLOOR = 0.01  # squared; below a tenth, errors count in absolute terms
 _DECAY_RANGE = (0.125, 0.6)
 _DECAY_PIXELS = 30  # that a class must have, to measure it
-_SHARPEN = 0.25  # of the squared error that a round aims at if there is no target
+_SHARPEN = 0.25  # of the squared error: what a round aims at if there is no target
+_AIM = 0.75  # of the squared target: what a round aims at, or else many would do ever less
+_LEAST_LEVEL = (1, 3, 2, 2)  # by class
 _PASS_COST = 4096  # samples that take as long as a pass of few samples
-_BINS = 4  # per octave of gain
 
 Trace = Callable[..., tuple[Film, int]]
 
@@ -85,11 +86,13 @@ def refine(
         _settle(state)
         error = squared_error(state)
         note(error)
-        if top < 1 or error <= noise * noise:
-            break
-        doublings = _doublings(state, guide, noise * noise or _SHARPEN * error, top)
+        doublings = _second_doubling(state, top)
         if not doublings.any():
-            break
+            if top < 1 or error <= noise * noise:
+                break
+            doublings = _doublings(state, guide, error, _AIM * noise * noise or _SHARPEN * error, top)
+            if not doublings.any():
+                break
         state.wanted = state.level + doublings
     return summary(state)
 
@@ -132,8 +135,11 @@ def _trace_group(
 
 def _add(state: Adaptive, done: NDArray[np.intp], film: Film) -> None:
     """Adds the film's first pixels to the state's pixels `done`. Each of its nodes doubles the samples there were."""
-    classes, nodes = state.classes[done], film.nodes()
-    sums, error, falls = state.sums[:, :, done], state.error[done], state.falls.copy()
+    where = (
+        slice(done[0], done[-1] + 1) if len(done) and done[-1] - done[0] + 1 == len(done) else done
+    )  # a view is fast
+    classes, nodes = state.classes[where], film.nodes()
+    sums, error, falls = state.sums[:, :, where], state.error[where], state.falls.copy()
     for level, index in sorted(nodes, key=lambda node: node[1] << node[0]):
         new, before = nodes[level, index][:, :, : len(done)], error
         if index:
@@ -143,11 +149,11 @@ def _add(state: Adaptive, done: NDArray[np.intp], film: Film) -> None:
         elif level:
             mean = new[0] / 2  # from a + b and a² + b²: (a − b)² / 4
             error = _relative(np.maximum(new[1] / 2 - mean * mean, 0.0), mean)
-        sums = sums + new
+        sums = sums + new if index else new
     state.torn = True
-    state.sums[:, :, done], state.error[done], state.falls = sums, error, falls
-    state.level[done] = state.wanted[done]
-    state.count[done] += film.count[: len(done)]
+    state.sums[:, :, where], state.error[where], state.falls = sums, error, falls
+    state.level[where] = state.wanted[where]
+    state.count[where] += film.count[: len(done)]
     state.dropped += film.dropped
     state.torn = False
 
@@ -166,62 +172,74 @@ def _settle(state: Adaptive) -> None:
     state.falls[:] = 0
 
 
-def _doublings(state: Adaptive, guide: Guide, target: float, top: int) -> NDArray[np.uint8]:
+def _second_doubling(state: Adaptive, top: int) -> NDArray[np.uint8]:
+    """2 samples tell too little of what is not plain."""
+    least = np.minimum(_LEAST_LEVEL, top).astype(np.uint8)[state.classes]
+    return np.maximum(least, state.level) - state.level
+
+
+def _doublings(state: Adaptive, guide: Guide, error: float, target: float, top: int) -> NDArray[np.uint8]:
     """How often each pixel doubles its samples next: half as often as the target seems to need, so that what looks good
-    or bad by chance is looked at again on the way. No pixel gets more than 2^top samples."""
-    slope = -np.log2(state.decay)[:, None]  # the variance of n samples falls as n^−slope; by class
-    samples = np.exp2(np.arange(top + 1))
-    kind = state.classes * np.intp(top + 1) + state.level
-    scaled = state.error * (samples**slope).ravel()[kind]
-    pixels = np.maximum(np.bincount(state.classes, None, len(slope)), 1)
-    means = np.bincount(state.classes, scaled, len(slope)) / pixels
-    pooled = guide.pool(scaled.astype(np.float32), state.classes, means.astype(np.float32))
-    ratio = (state.decay / (1 - state.decay))[:, None]
-    variance = np.maximum(pooled, np.float32(1e-30)) * (ratio * samples**-slope).astype(np.float32).ravel()[kind]
-    variance = np.maximum(variance * np.float32(squared_error(state) / variance.mean()), np.float32(1e-36))
-    share = (1 - state.decay[:, None]) / samples  # of the variance: what a doubling gains, for each of its samples
-    gain = np.log2(variance * share.astype(np.float32).ravel()[kind])
-    least = _least_gain(gain, variance, state, target)
-    steps = (gain - least) / (1 + slope.ravel()).astype(np.float32)[state.classes]
-    half = (np.ceil(np.clip(steps, 0, 60)).astype(np.uint8) + 1) // 2
-    doublings = np.minimum(half, np.uint8(top) - state.level)
-    return np.where(_worth_tracing(state, variance, doublings, 2.0**least), doublings, np.uint8(0))
+    or bad by chance is looked at again on the way. No pixel gets more than 2^top samples.
+
+    Pixels of the same class, level and gain (by which their variance falls for each sample of the next doubling) are
+    alike: all but that gain is a matter of their numbers.
+    """
+    decay, samples = state.decay[:, None], np.exp2(np.arange(top + 1))
+    factors = samples ** -np.log2(decay)  # the variance of n samples falls as their inverse
+    kinds = state.classes * np.uint8(top + 1) + state.level
+    sums = np.bincount(kinds, state.error, factors.size).reshape(factors.shape)
+    means = (sums * factors).sum(axis=1) / np.maximum(np.bincount(state.classes, None, len(decay)), 1)
+    shifts = np.log2(
+        decay / (samples * factors)
+    )  # decay / (1 − decay) of the error is variance, 1 − decay of this falls
+    tables = (array.astype(np.float32) for array in (factors, means, shifts))
+    keys = guide.gains(state.error.astype(np.float32), kinds, *tables)
+
+    pixels = np.bincount(keys, None, factors.size * GAIN_BINS).reshape(*factors.shape, GAIN_BINS)
+    gains = LOW_GAIN + (np.arange(GAIN_BINS) + 0.5) / GAIN_STEPS
+    variance = pixels * np.exp2(gains) * (samples / (1 - decay))[..., None]
+    scale = error * len(keys) / variance.sum()
+    variance *= scale
+    gains += np.log2(scale)
+    least = _least_gain(gains, variance.sum(axis=1), decay, target * len(keys))
+    steps = np.ceil(np.maximum(gains - least, 0) / (1 - np.log2(decay)))[:, None]
+    doublings = np.minimum((steps + 1) // 2, (top - np.arange(top + 1))[:, None]).astype(np.uint8)
+    doublings[~_worth_tracing(doublings, variance, pixels, decay, 2.0**least)] = 0
+    return np.asarray(doublings.ravel()[keys])
 
 
-def _worth_tracing(
-    state: Adaptive, variance: NDArray[np.float32], doublings: NDArray[np.uint8], least: float
-) -> NDArray[np.bool_]:
-    """Which pixels belong to a group, traced together, that gains `least` per sample even if what a pass costs counts
-    too; at least one group."""
-    kind = state.level * np.intp(64) + doublings
-    left = state.decay.astype(np.float32)[state.classes] ** doublings
-    gain = np.bincount(kind, variance * (1 - left), 64 * 64)
-    samples = (
-        np.bincount(kind, None, 64 * 64) * (np.exp2(np.arange(64))[:, None] * (np.exp2(np.arange(64)) - 1)).ravel()
-    )
-    worth = gain / (samples + _PASS_COST)
-    worth[samples == 0] = 0.0
-    return np.asarray((worth >= min(least, float(worth.max())))[kind])
-
-
-def _least_gain(gain: NDArray[np.float32], variance: NDArray[np.float32], state: Adaptive, target: float) -> float:
-    """The logarithm of the gain at which pixels stop if the mean of their variances is to reach the target.
+def _least_gain(
+    gains: NDArray[np.float64], variance: NDArray[np.float64], decay: NDArray[np.float64], target: float
+) -> float:
+    """The logarithm of the gain at which pixels stop if their variances, (classes, gains), are to sum up to the target.
 
     A doubling leaves `decay` of a pixel's variance, and half as much of its gain.
     """
-    slope = -np.log2(state.decay)[:, None]
-    low = float(np.floor(gain.min()))
-    place = (_BINS * (gain - np.float32(low))).astype(np.intp)
-    bins = int(place.max()) + 1
-    sums = np.bincount(state.classes * np.intp(bins) + place, variance, len(slope) * bins).reshape(-1, bins)
-    gains = low + (np.arange(bins) + 0.5) / _BINS
 
     def reached(least: float) -> bool:
-        doublings = np.ceil(np.maximum(gains - least, 0) / (1 + slope))
-        return float((sums * np.exp2(-slope * doublings)).sum()) <= target * len(gain)
+        doublings = np.ceil(np.maximum(gains - least, 0) / (1 - np.log2(decay)))
+        return float((variance * decay**doublings).sum()) <= target
 
     least, step = float(gains[-1]), 64.0
-    while step >= 1 / _BINS:
+    while step >= 1 / GAIN_STEPS:
         least -= 0.0 if reached(least - step) else step
         step /= 2
-    return least - 1 / _BINS
+    return least - 1 / GAIN_STEPS
+
+
+def _worth_tracing(
+    doublings: NDArray[np.uint8],
+    variance: NDArray[np.float64],
+    pixels: NDArray[np.intp],
+    decay: NDArray[np.float64],
+    least: float,
+) -> NDArray[np.bool_]:
+    """Which kinds of pixels belong to a group, traced together, that gains `least` per sample even if what a pass costs
+    counts too; at least one group. Arrays are (classes, levels, gains), of single pixels but `variance`."""
+    level = np.arange(doublings.shape[1])[:, None]
+    group = (level * 64 + doublings).ravel()
+    gain = np.bincount(group, (variance * (1 - decay[..., None] ** doublings)).ravel())
+    samples = np.bincount(group, (pixels * np.exp2(level) * (np.exp2(doublings) - 1)).ravel())
+    worth = np.where(samples > 0, gain / (samples + _PASS_COST), 0)
+    return np.asarray((worth >= min(least, worth.max()))[group].reshape(doublings.shape))

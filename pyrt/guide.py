@@ -1,4 +1,4 @@
-"""What the device tells adaptive sampling about the pixels of a picture: their classes, and means over neighbours."""
+"""What the device tells adaptive sampling about the pixels of a picture: their classes, and how neighbours err."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.device import Device
-from pyrt.passes import beam_count
+from pyrt.passes import beam_count, tile_order
 
-_MARGIN = 2  # pixels around a picture
+GAIN_STEPS = 4  # bins per octave
+LOW_GAIN, GAIN_BINS = -80.0, 88 * GAIN_STEPS  # logarithm of the first bin's lower end, and their number
+
 _PRIOR = 0.25  # weight of a class's mean, where a pixel next to another has 0.73
+_MARGIN = 2  # pixels around a picture
 _NAMES = ("plain", "edge", "penumbra", "unknown")  # PIXEL_… of types.h
 
 
@@ -24,51 +27,71 @@ class Guide:
         kernels: of adaptive.cl, by name.
         buffers: the scene's arrays, by name.
         parameters: buffer of SceneParams.
-        shape: (height, width).
-        order: (height · width,), where each pixel, row by row, stands in the list.
+        size: (width, height, floats of a row of `pictures`), uint32.
+        order: (height · width,) uint32, where each pixel, row by row, stands in the list.
+        pictures: (2, height + 4, row) float32, for `gains`: values and kinds of pixels.
     """
 
     device: Device
     kernels: dict[str, Any]
     buffers: dict[str, Any]
     parameters: Any
-    shape: tuple[int, int]
-    order: NDArray[np.intp]
+    size: NDArray[np.uint32]
+    order: NDArray[np.uint32]
+    pictures: NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls, device: Device, kernels: dict[str, Any], buffers: dict[str, Any], parameters: Any, shape: tuple[int, int]
+    ) -> Guide:
+        """For pictures of `shape` (height, width)."""
+        height, width = shape
+        row = -(-width // 8) * 8 + 2 * _MARGIN
+        pictures = np.full((2, height + 2 * _MARGIN, row), -1, np.float32)
+        order = tile_order(width, height).astype(np.uint32)
+        return cls(device, kernels, buffers, parameters, np.array([width, height, row], np.uint32), order, pictures)
 
     def classify(self, params: NDArray[Any], pixels: Any, beams: Any) -> NDArray[np.uint8]:
         """PIXEL_… of types.h for each pixel of a pass; the arguments are those that `SampleTracer.trace` shows."""
         classes = np.empty(int(params["pixel_count"]), np.uint8)
-        out = self.device.share(classes)
         scene = [self.buffers[name] for name in ("triangles", "corners", "materials", "textures", "lights")]
         head = (params.tobytes(), self.parameters)
-        self.device.run(self.kernels["classify"], beam_count(params), *head, *scene, pixels, beams, out)
-        self.device.receive(out, classes)
+        self.device.run(self.kernels["classify"], beam_count(params), *head, *scene, pixels, beams, fill=[classes])
         return classes
 
-    def pool(
-        self, values: NDArray[np.float32], classes: NDArray[np.uint8], means: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """For each pixel the mean of `values` over the others of its class in 5 × 5 pixels, weighted by distance, and a
-        little of the mean of its class. Its own value has no part in it."""
-        height, width = self.shape
-        stride = -(-width // 8) * 8 + 2 * _MARGIN
-        pictures = np.zeros((3, height + 2 * _MARGIN, stride), np.float32)  # values, classes, result
-        pictures[1] = -1
-        inner = pictures[:, _MARGIN:-_MARGIN, _MARGIN : width + _MARGIN]
-        inner[0], inner[1] = values[self.order].reshape(self.shape), classes[self.order].reshape(self.shape)
-        shared = [self.device.share(array) for array in (means, *pictures)]
-        head = (np.uint32(width), np.uint32(height), np.uint32(stride), np.float32(_PRIOR))
-        self.device.run(self.kernels["pool"], height * -(-width // 8), *head, *shared)
-        self.device.receive(shared[-1], pictures[2])
-        pooled = np.empty_like(values)
-        pooled[self.order] = inner[2].ravel()
-        return pooled
+    def gains(
+        self,
+        values: NDArray[np.float32],
+        kinds: NDArray[np.uint8],
+        factors: NDArray[np.float32],
+        means: NDArray[np.float32],
+        shifts: NDArray[np.float32],
+    ) -> NDArray[np.uint32]:
+        """GAIN_BINS · kind + bin of each pixel, the bin that of log2(mean of its neighbours) + shift of its kind.
+
+        The mean is over the other pixels of its class in 5 × 5 pixels, weighted by distance, of values times the
+        factors of their kinds, and a little of the mean of the class. Its own value has no part in it. `factors` and
+        `shifts` are (classes, levels), `means` (classes,); a kind is level + levels · class.
+        """
+        width, height, _ = self.size
+        share = self.device.share
+        order, scaled, pictured = share(self.order), share(self.pictures[0]), share(self.pictures[1])
+        lists = [share(array) for array in (values, kinds, factors)]
+        self.device.run(self.kernels["spread"], len(values), *self.size, order, *lists, scaled, pictured)
+        keys = np.empty(len(values), np.uint32)
+        levels, bins = np.uint32(factors.shape[1]), np.uint32(GAIN_BINS)
+        head = (*self.size, levels, np.float32(_PRIOR), np.float32(LOW_GAIN), np.float32(GAIN_STEPS), bins)
+        rows = int(height) * -(-int(width) // 8)
+        self.device.run(
+            self.kernels["gains"], rows, *head, order, share(means), share(shifts), scaled, pictured, fill=[keys]
+        )
+        return keys
 
 
 def pixel_counts(classes: NDArray[np.uint8], samples: NDArray[np.uint32]) -> dict[str, dict[str, int]]:
     """For each class of pixels: how many have how many samples."""
     counts = {}
     for index, name in enumerate(_NAMES):
-        values, pixels = np.unique(samples[classes == index], return_counts=True)
-        counts[name] = {str(value): int(number) for value, number in zip(values, pixels, strict=True)}
+        numbers = np.bincount(samples[classes == index])
+        counts[name] = {str(n): int(numbers[n]) for n in np.flatnonzero(numbers)}
     return counts

@@ -213,8 +213,7 @@ class Renderer:
     ) -> Result:
         state = Adaptive.empty(len(pixels)) if start is None else start.state
         shape = (beside.window.y1 - beside.window.y0, beside.window.x1 - beside.window.x0)
-        kernels, order = self._guide_kernels, tile_order(*shape[::-1])
-        guide = Guide(self._device, kernels, self._buffers, tracer.parameters, shape, order)
+        guide = Guide.of(self._device, self._guide_kernels, self._buffers, tracer.parameters, shape)
 
         def result() -> Result:
             made = self._result(summary(state), shape, watch.tally)
