@@ -185,11 +185,11 @@ INLINE void paths_load(const Paths *paths, uint lanes, Rays *rays, Real *through
 }
 
 /* Radiance that arrives along the camera rays of a packet's `lanes`. A miss is black, and so is a path of more than max_depth
- * specular events. `beam`: the candidates of the rays' beam, followed by those of its shafts. */
+ * specular events. `beam`: the candidates of the rays' beam, followed by those of its shafts, or 0. */
 INLINE Vec direct_radiance(const Scene *scene, Vec o, Vec d, uint lanes, Sampler sampler, const global Candidates *beam,
                            Counters *counters)
 {
-    const global Candidates *shafts = scene->params->light_count <= SHAFT_LIGHTS ? beam + 1 : 0;
+    const global Candidates *shafts = beam && scene->params->light_count <= SHAFT_LIGHTS ? beam + 1 : 0;
     Vec radiance = vec_of(0.0f, 0.0f, 0.0f);
     Real throughput = (Real)(1.0f);
     Rays rays = {o, d, (Real)(INFINITY), (Int)(-1), (Int)(0), 0u};

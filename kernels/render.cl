@@ -29,19 +29,24 @@ void trace_beams(const PassParams pass, constant SceneParams *params, const glob
     beam_trace(&scene, &beam, (int)shafts, candidates + (first / BEAM_PIXELS) * (1u + shafts));
 }
 
-/* Traces the samples g … g + PACKET - 1 of a pass that has `samples`. They are all of one beam. */
-static void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels,
+/* Traces the samples g … g + PACKET - 1 of a pass that has `samples`. */
+static void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels, const global uint *places,
                           const global Candidates *candidates, uint g, uint samples, global float *planes,
                           Counters *counters)
 {
     uint count = samples - g < PACKET ? samples - g : PACKET;
     size_t place[PACKET]; /* in a plane */
     uint first_pixel = g / pass->sample_count, p = first_pixel, s = g - p * pass->sample_count;
+    uint beam_index = 0u;
+    bool one_beam = true;
     Uint pixel, index;
     for (int lane = 0; lane < PACKET; ++lane) {
         uint some = p < pass->pixel_count ? p : first_pixel; /* lanes beyond the end trace nothing */
         ((uint *)&pixel)[lane] = pixels[pass->first_pixel + some];
         ((uint *)&index)[lane] = pass->first_sample + s;
+        uint own = (pass->own_beams ? some : places[pass->first_pixel + some]) / BEAM_PIXELS;
+        one_beam &= lane == 0 || own == beam_index;
+        beam_index = lane == 0 ? own : beam_index;
         place[lane] = (size_t)(3u * s) * pass->stride + p;
         if (++s == pass->sample_count) {
             s = 0u;
@@ -52,7 +57,7 @@ static void render_packet(const Scene *scene, const PassParams *pass, const glob
     Vec2 jitter = sample_2d(sampler, (Uint)(0u));
     Vec o, d;
     camera_ray(&scene->params->camera, real_of(pixel & 0xffffu) + jitter.x, real_of(pixel >> 16) + jitter.y, &o, &d);
-    const global Candidates *beam = candidates + (first_pixel / BEAM_PIXELS) * (1u + shaft_count(scene->params));
+    const global Candidates *beam = one_beam ? candidates + (size_t)beam_index * (1u + shaft_count(scene->params)) : 0;
     Vec radiance = direct_radiance(scene, o, d, ALL_LANES >> (PACKET - count), sampler, beam, counters);
 
     for (uint lane = 0; lane < count; ++lane) {
@@ -69,7 +74,7 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
             const global TriangleBlock *triangle_blocks, const global SphereBlock *sphere_blocks,
             const global Triangle *triangles, const global Corners *corners, const global Sphere *spheres,
             const global Material *materials, const global Texture *textures, const global float *texels,
-            const global Light *lights, const global uint *cdf, const global uint *pixels,
+            const global Light *lights, const global uint *cdf, const global uint *pixels, const global uint *places,
             const global Candidates *candidates, global float *planes, global uint *counts)
 {
     const Scene scene = {params, nodes, triangle_blocks, sphere_blocks, triangles, corners,
@@ -79,7 +84,7 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
     if (item % PACKET == 0u) {
         Counters counters = {0u, 0u, 0u, 0u};
         if (g < samples)
-            render_packet(&scene, &pass, pixels, candidates, g, samples, planes, &counters);
+            render_packet(&scene, &pass, pixels, places, candidates, g, samples, planes, &counters);
         group[item / PACKET] = counters;
     }
     barrier(CLK_LOCAL_MEM_FENCE);

@@ -171,6 +171,7 @@ typedef struct {
     uint first_sample;
     uint stride;       /* floats from one output plane to the next */
     uint seed;
+    uint own_beams;    /* the beams are those of this pass, or else of a picture, and the pixels' numbers in `places` tell which */
 } PassParams;
 
 #endif

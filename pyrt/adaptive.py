@@ -72,7 +72,7 @@ def refine(
     """Traces pixels (x + 65536 · y) until the picture's error is at most `noise`, or each has more than half of
     `max_samples`, as each has a power of two of them. 0 for `noise` is no target.
 
-    `trace(pixels, first sample, samples, look)` gives a film and how many pixels are complete, see `SampleTracer`.
+    `trace(pixels, first sample, samples, places)` gives a film and how many pixels are complete, see `SampleTracer`.
     `going` ends it by returning False. `note` is told the picture's squared relative error whenever that is estimated
     anew. `save` may keep the `state`, from which a later call goes on to the same bits.
     """
@@ -80,7 +80,7 @@ def refine(
     while going():
         group = _next_group(state)
         if len(group):
-            _trace_group(trace, guide, pixels, state, group, max_samples)
+            _trace_group(trace, pixels, state, group, max_samples)
             save()
             continue
         _settle(state)
@@ -120,16 +120,12 @@ def _next_group(state: Adaptive) -> NDArray[np.intp]:
 
 
 def _trace_group(
-    trace: Trace, guide: Guide, pixels: NDArray[np.uint32], state: Adaptive, group: NDArray[np.intp], max_samples: int
+    trace: Trace, pixels: NDArray[np.uint32], state: Adaptive, group: NDArray[np.intp], max_samples: int
 ) -> None:
     level, wanted = int(state.level[group[0]]), int(state.wanted[group[0]])
 
-    def look(params: NDArray[Any], pixel_buffer: Any, beams: Any) -> None:
-        classes = guide.classify(params, pixel_buffer, beams)
-        state.classes[group[int(params["first_pixel"]) :][: len(classes)]] = classes
-
     first = 1 << level if level else 0
-    film, complete = trace(pixels[group], first, min(1 << wanted, max_samples) - first, None if level else look)
+    film, complete = trace(pixels[group], first, min(1 << wanted, max_samples) - first, group)
     _add(state, group[:complete], film)
 
 

@@ -18,7 +18,7 @@ PASS_SAMPLES = 1 << 22  # samples of one pass, by default: 48 MiB of radiance
 _TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 
-Look = Callable[[NDArray[Any], Any, Any], None]
+_MAX_BEAM_BYTES = 1 << 30  # of a whole picture
 
 
 @dataclass
@@ -52,6 +52,15 @@ class Scratch:
 
 
 @dataclass(frozen=True)
+class Ahead:
+    """The beams of a picture: PassParams of one pass of all its pixels, and the buffers of these and of the beams."""
+
+    params: NDArray[Any]
+    pixels: Any
+    beams: Any
+
+
+@dataclass(frozen=True)
 class SampleTracer:
     """Traces samples of one picture: the scene's buffers, the picture's parameters, and how to cut passes.
 
@@ -76,12 +85,29 @@ class SampleTracer:
     tally: Tally
     after_pass: Callable[[], bool]
 
+    def look_ahead(self, pixels: NDArray[np.uint32]) -> Ahead | None:
+        """The beams of all pixels of a picture, for `trace`; None if there are none, or too many to keep."""
+        params = _pass_params(0, len(pixels), 0, 1)
+        size = beam_count(params) * self.beam_bytes
+        if not 0 < size <= min(_MAX_BEAM_BYTES, self.device.info.max_alloc):
+            return None
+        start = perf_counter()
+        ahead = Ahead(params, self.device.upload("pixels", pixels), self.scratch.buffer("beams ahead", size))
+        self._trace_beams(params, ahead.pixels, ahead.beams)
+        self.tally.render_seconds += perf_counter() - start
+        return ahead
+
     def trace(
-        self, pixels: NDArray[np.uint32], first_sample: int, samples: int, look: Look | None = None
+        self,
+        pixels: NDArray[np.uint32],
+        first_sample: int,
+        samples: int,
+        ahead: Ahead | None = None,
+        places: NDArray[np.intp] | None = None,
     ) -> tuple[Film, int]:
         """Samples first_sample … first_sample + samples − 1 of each pixel (x + 65536 · y).
 
-        `look` is shown the beams of each pass: its PassParams, and the buffers of all the pixels and of the beams.
+        With the beams of a picture, `places` says where in its list the pixels stand; else each pass makes its own beams.
         Returns the film of these pixels, and how many of them, from the first on, are complete: all, unless stopped.
         """
         film = Film.empty(len(pixels))
@@ -89,11 +115,19 @@ class SampleTracer:
         pixel_buffer = self.device.upload("pixels", pixels)
         planes = self.scratch.buffer("planes", 4 * max(3 * int(p["sample_count"]) * int(p["stride"]) for p in passes))
         counts = self.scratch.buffer("counts", 16 * max(_groups(p) for p in passes))
-        beams = self.scratch.buffer("beams", max(beam_count(p) for p in passes) * self.beam_bytes)
+        if ahead is None:
+            own_beams = self.scratch.buffer("beams", max(beam_count(p) for p in passes) * self.beam_bytes)
+            places_buffer, beams = pixel_buffer, own_beams
+        else:
+            places_buffer, beams = self.device.upload("places", np.asarray(places, np.uint32)), ahead.beams
         for params in passes:
-            params["seed"] = self.seed
+            params["seed"], params["own_beams"] = self.seed, ahead is None
             start = perf_counter()
-            self._run(params, pixel_buffer, beams, planes, counts, look)
+            if ahead is None and self.beam_bytes:
+                self._trace_beams(params, pixel_buffer, beams)
+            scene = (params.tobytes(), self.parameters, *self.buffers.values())
+            lists = (pixel_buffer, places_buffer, beams, planes, counts)
+            self.device.run(self.kernels["render"], _items(params), *scene, *lists)
             self.tally.render_seconds += perf_counter() - start
             start = perf_counter()
             self._reduce(params, planes, counts, film)
@@ -102,16 +136,10 @@ class SampleTracer:
                 return film, _keep_complete(film, params, first_sample + samples)
         return film, len(pixels)
 
-    def _run(self, params: NDArray[Any], pixels: Any, beams: Any, planes: Any, counts: Any, look: Look | None) -> None:
-        head = (params.tobytes(), self.parameters)
-        if self.beam_bytes:
-            names = ("nodes", "triangle_blocks", "sphere_blocks", "triangles", "lights")
-            arrays = [self.buffers[name] for name in names]
-            self.device.run(self.kernels["trace_beams"], beam_count(params), *head, *arrays, pixels, beams)
-            if look is not None:
-                look(params, pixels, beams)
-        scene = self.buffers.values()
-        self.device.run(self.kernels["render"], _items(params), *head, *scene, pixels, beams, planes, counts)
+    def _trace_beams(self, params: NDArray[Any], pixels: Any, beams: Any) -> None:
+        names = ("nodes", "triangle_blocks", "sphere_blocks", "triangles", "lights")
+        scene = (params.tobytes(), self.parameters, *(self.buffers[name] for name in names))
+        self.device.run(self.kernels["trace_beams"], beam_count(params), *scene, pixels, beams)
 
     def _reduce(self, params: NDArray[Any], planes: Any, counts: Any, film: Film) -> None:
         shape = (int(params["sample_count"]), 3, int(params["stride"]))
@@ -158,6 +186,14 @@ def _tile_grid(width: int, height: int) -> tuple[NDArray[np.uint32], NDArray[np.
     return y, x
 
 
+def _pass_params(first_pixel: int, pixels: int, first_sample: int, samples: int) -> NDArray[Any]:
+    params = np.zeros((), dtypes()["PassParams"])
+    params["first_pixel"], params["pixel_count"] = first_pixel, pixels
+    params["first_sample"], params["sample_count"] = first_sample, samples
+    params["stride"] = pixels + _PLANE_PAD
+    return params
+
+
 def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[NDArray[Any]]:
     """PassParams of each pass: all samples of some beams, or, if there are too many, a range of them of one beam at a
     time. Whatever the passes, so, the same pixels share a beam."""
@@ -167,12 +203,9 @@ def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[ND
     passes = []
     for first_pixel in range(0, pixels, pixel_step):
         for first_sample in range(first, first + samples, sample_step):
-            params = np.zeros((), dtypes()["PassParams"])
-            params["first_pixel"], params["first_sample"] = first_pixel, first_sample
-            params["pixel_count"] = min(pixel_step, pixels - first_pixel)
-            params["sample_count"] = min(sample_step, first + samples - first_sample)
-            params["stride"] = params["pixel_count"] + _PLANE_PAD
-            passes.append(params)
+            pixel_count = min(pixel_step, pixels - first_pixel)
+            sample_count = min(sample_step, first + samples - first_sample)
+            passes.append(_pass_params(first_pixel, pixel_count, first_sample, sample_count))
     return passes
 
 

@@ -156,7 +156,7 @@ class Renderer:
         )
         parameters = self._device.upload("parameters", self._scene_params(width, height))
         channels = self._aovs((*names, *GUIDES) if denoise else names, window, seed, parameters)
-        beside = Beside(self.scene, seed, window, {name: channels.get(name) for name in names})
+        beside = Beside(self.scene, self._scene_hash, seed, window, {name: channels.get(name) for name in names})
         tracer = SampleTracer(
             device=self._device,
             kernels=self._kernels,
@@ -224,9 +224,16 @@ class Renderer:
             if checkpoint is not None and state.count.any() and not state.torn:
                 result().save(checkpoint)
 
+        ahead = tracer.look_ahead(pixels)
+        if ahead is not None:
+            state.classes[:] = guide.classify(ahead.params, ahead.pixels, ahead.beams)
+
+        def trace(part: NDArray[np.uint32], first: int, count: int, places: NDArray[np.intp]) -> tuple[film.Film, int]:
+            return tracer.trace(part, first, count, ahead, places)
+
         saver = Saver(save, every)
         try:
-            refine(tracer.trace, guide, pixels, state, *goal, watch.going, watch.note_error, saver.save_if_due)
+            refine(trace, guide, pixels, state, *goal, watch.going, watch.note_error, saver.save_if_due)
         finally:
             save()
         return result()
@@ -234,7 +241,7 @@ class Renderer:
     def _begin(
         self, adaptive: bool, noise: float, samples: tuple[int, int], seed: int, size: tuple[int, int]
     ) -> Partial | PartialAdaptive:
-        work = Work(scene_hash(self.scene), *size, seed, str(self._device.info), __version__, kernels_hash())
+        work = Work(self._scene_hash, *size, seed, str(self._device.info), __version__, kernels_hash())
         if adaptive:
             return begin_adaptive(work, noise, samples[1], tile_order(*size))
         return begin(work, *samples, tile_order(*size))
@@ -246,6 +253,10 @@ class Renderer:
     @cached_property
     def _aov_kernels(self) -> dict[str, Any]:
         return self._device.build("aov.cl", build_options(self._features))
+
+    @cached_property
+    def _scene_hash(self) -> str:
+        return scene_hash(self.scene)
 
     @cached_property
     def _primitives(self) -> Primitives:
