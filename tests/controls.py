@@ -77,7 +77,9 @@ CONTROLS = {
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
     "shrunken intervals": Control("bvh.h", "lanes_min(in ? along - 2.0f * pad", "lanes_min(in ? along + 1e-2f"),
     "beams of opposite corners": Control("volume.h", " || (s.sz < 0.0f) != (first.sz < 0.0f)", ""),
-    "beams that start on their axis": Control("beam.h", "if (forwards > 0.01f * dot3(axis, axis))\n        volume_add", "volume_add"),
+    "beams that start on their axis": Control(
+        "beam.h", "if (forwards > 0.01f * dot3(axis, axis))\n        volume_add", "volume_add"
+    ),
     "splits without number": Control("direct.h", " && *splits > 0", ""),
     "overflow": Control("packet.h", "{min8(FLT_MAX, a.x), min8(FLT_MAX, a.y), min8(FLT_MAX, a.z)}", "a"),
     "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),

@@ -160,6 +160,7 @@ def test_spherical_room_with_its_light_at_the_centre_is_evenly_lit(light, place)
 
 # Form factors ---------------------------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize(
     ("light", "expected"),
     [
