@@ -215,8 +215,11 @@ def _checkpoint(args: argparse.Namespace, outputs: list[str]) -> str | None:
 
 
 def _check_outputs(paths: list[str], args: argparse.Namespace) -> None:
+    from pyrt.files import check_target
     from pyrt.image_io import check_output
 
+    if args.stats and args.stats != "-":
+        check_target(args.stats)
     for path in paths:
         check_output(path, args.exposure, args.view)
         if args.no_clobber and os.path.exists(path):

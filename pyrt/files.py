@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pyrt.errors import SceneError
+from pyrt.errors import SceneError, UsageError
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
@@ -21,6 +21,17 @@ def check_file(path: str | os.PathLike[str]) -> None:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise SceneError(f"{path}: cannot be read: {reason.lower()}") from None
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Raises UsageError, one sentence, if no file of that name can be written."""
+    folder = Path(path).parent
+    if os.path.isdir(path):  # unlike Path.is_dir, no error for a name that is too long
+        raise UsageError(f"{path}: expected a file name, found a folder")
+    if not os.path.isdir(folder):
+        raise UsageError(f"{path}: there is no folder {folder}")
+    if not os.access(folder, os.W_OK):
+        raise UsageError(f"{path}: the folder {folder} is not writable")
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:

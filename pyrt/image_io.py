@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.exr_state import StatePart
-from pyrt.files import check_file, replacing
+from pyrt.files import check_file, check_target, replacing
 from pyrt.image_file import Attribute, date, first_line, image_spec, is_utf8, write_exr, write_file
 from pyrt.image_tools import check_view, viewed
 from pyrt.settings import Window
@@ -168,14 +168,9 @@ def check_output(path: str | os.PathLike[str], exposure: float = 0.0, view: str 
         raise UsageError(f"{path}: expected a name ending in {', '.join(extensions)}")
     if not is_utf8(os.path.realpath(target)):
         raise UsageError(f"{path}: expected a name, in folders, that can be written as UTF-8")
-    if os.path.isdir(target):  # unlike Path.is_dir, no error for a name that is too long
-        raise UsageError(f"{path}: expected a file name, found a folder")
-    if not os.path.isdir(target.parent):
-        raise UsageError(f"{path}: there is no folder {target.parent}")
+    check_target(path)
     check_exposure(exposure)
     check_view(view)
-    if not os.access(target.parent, os.W_OK):
-        raise UsageError(f"{path}: the folder {target.parent} is not writable")
 
 
 def check_exposure(exposure: float) -> None:

@@ -61,7 +61,8 @@ def load_surfaces(path: str | os.PathLike[str]) -> Surfaces:
     except SceneError:
         raise
     except Exception as error:  # on malformed files trimesh raises whatever comes up
-        reason = str(error).strip().split("\n")[0] or type(error).__name__
+        told = not isinstance(error, (LookupError, TypeError, AttributeError)) and str(error).strip()
+        reason = told.split("\n")[0] if told else "it is damaged"
         raise SceneError(f"{path}: not a readable {extension.upper()} mesh: {reason}") from None
     mesh = surfaces.mesh
     if len(mesh.triangles) == 0:

@@ -22,17 +22,21 @@ from pyrt.smooth import smoothed
 
 NEUTRAL = {"type": "diffuse", "color": [0.72, 0.7, 0.67]}
 _FOREIGN = {".3ds", ".abc", ".blend", ".dae", ".fbx", ".pbrt", ".usd", ".usda", ".usdc", ".usdz", ".xml"}
+_PICTURES = {".exr", ".hdr", ".jpeg", ".jpg", ".npy", ".png", ".tif", ".tiff"}
 _Z_UP = {".stl"}  # what CAD programs and printers use; +y is up in the other formats
 
 
 def is_model(path: str | os.PathLike[str]) -> bool:
-    """Whether the extension tells of a model that pyrt reads. Raises SceneError for formats that it should convert."""
+    """Whether the extension tells of a model that pyrt reads. Raises SceneError for formats that one should convert,
+    and for pictures."""
     suffix = Path(path).suffix.lower()
     if suffix in _FOREIGN:
         formats = ", ".join(f".{name}" for name in FORMATS)
         raise SceneError(
             f"{path}: expected a scene (.json) or a model ({formats}); Blender, for instance, converts others"
         )
+    if suffix in _PICTURES:
+        raise SceneError(f"{path}: expected a scene (.json) or a model; pictures are for: pyrt view")
     return suffix.removeprefix(".") in FORMATS
 
 
