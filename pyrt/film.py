@@ -83,13 +83,19 @@ class Film:
 
         Of a film that was filled only in part: the pixels of its first strips. Not a copy where there is one node.
         """
-        nodes = self.nodes()
-        if len(nodes) == 1:
-            return next(iter(nodes.values()))
-        total = np.zeros((2, 3, next(iter(nodes.values())).shape[2] if nodes else len(self.count)))
-        for key in sorted(nodes, key=lambda key: key[1] << key[0]):
-            total += nodes[key]
-        return total
+        parts = [_total(self.strips[first]) for first in sorted(self.strips)]
+        if not parts:
+            return np.zeros((2, 3, len(self.count)))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
+
+
+def _total(nodes: Nodes) -> Sums:
+    if len(nodes) == 1:
+        return next(iter(nodes.values()))
+    total = np.zeros_like(next(iter(nodes.values())))
+    for key in sorted(nodes, key=lambda key: key[1] << key[0]):
+        total += nodes[key]
+    return total
 
 
 def mean(sums: Sums, count: NDArray[np.uint32]) -> NDArray[np.float64]:

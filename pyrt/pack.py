@@ -236,4 +236,4 @@ def _pack_textures(scene: Scene) -> tuple[NDArray[Any], NDArray[np.float32]]:
             row["height"], row["width"] = texture.pixels.shape[:2]
             texels.append(texture.pixels.reshape(-1))
             first += texture.pixels.shape[0] * texture.pixels.shape[1]
-    return out, np.concatenate(texels)
+    return out, texels[-1] if len(texels) == 2 else np.concatenate(texels)  # no copy of a single image

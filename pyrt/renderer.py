@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
+from math import prod
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from pyrt import __version__, film
 from pyrt.adaptive import FIRST_SAMPLES, Refined, refine, summary
-from pyrt.aov import GUIDES, AovTracer, check_aovs
+from pyrt.aov import AOVS, GUIDES, AovTracer, check_aovs
 from pyrt.camera import film_plane
 from pyrt.checkpoint import Saver, accumulate, begin, begin_adaptive, open_checkpoint
 from pyrt.denoise import denoised, require_denoiser
@@ -24,6 +25,7 @@ from pyrt.doctor import open_device
 from pyrt.features import build_options, feature_table
 from pyrt.guide import Guide, pixel_counts
 from pyrt.layout import constants, dtypes
+from pyrt.memory import Need, estimate, picture_bytes
 from pyrt.pack import pack_camera, pack_scene
 from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, kernels_hash
 from pyrt.passes import PASS_SAMPLES, SampleTracer, Scratch, Tally, tile_order, tiled_pixels
@@ -66,6 +68,7 @@ class Renderer:
         self._progress = progress or (lambda event: None)
         self._seconds: dict[str, float] = {}
         self._features = feature_table(scene)
+        estimate(scene).require(scene.name)
         self._progress({"stage": "build", "done": 0.0})
         start = perf_counter()
         self._device = device if isinstance(device, Device) else open_device(device)
@@ -79,7 +82,8 @@ class Renderer:
         self._kernels = self._device.build("render.cl", options)
         self._seconds["compile"] = perf_counter() - start
         start = perf_counter()
-        self._buffers = {name: self._device.upload(name, array) for name, array in self._packed.arrays.items()}
+        arrays = self._packed.arrays  # each goes as soon as the device has it
+        self._buffers = {name: self._device.upload(name, arrays.pop(name)) for name in list(arrays)}
         self._seconds["upload"] = perf_counter() - start
         self._scratch = Scratch(self._device)
 
@@ -127,6 +131,7 @@ class Renderer:
         Raises:
             UsageError: an argument is out of range, or the checkpoint is of another render.
             DeviceError: the device failed.
+            PyrtError: it would not fit into memory.
         """
         width, height = size or (self.scene.film.width, self.scene.film.height)
         adaptive = noise is not None or time_limit is not None
@@ -136,7 +141,11 @@ class Renderer:
         names, window = check_aovs(aovs), crop_window(crop, width, height)
         if denoise:
             require_denoiser()
+        keep = checkpoint is not None or samples is not None
         shape = (window.y1 - window.y0, window.x1 - window.x0)
+        channels = sum(len(AOVS[name].channels) for name in names)
+        picture = picture_bytes(self.scene, prod(shape), spp, channels=channels, keep=keep, adaptive=adaptive)
+        Need(0, 0, picture).require(self.scene.name)
         pixels = tiled_pixels(*shape[::-1]) + np.uint32(window.x0 | window.y0 << 16)
         start: Partial | PartialAdaptive | None = None
         if checkpoint is not None or samples is not None:
@@ -155,8 +164,8 @@ class Renderer:
             target=(noise or 0.0) ** 2,
         )
         parameters = self._device.upload("parameters", self._scene_params(width, height))
-        channels = self._aovs((*names, *GUIDES) if denoise else names, window, seed, parameters)
-        beside = Beside(self.scene, self._scene_hash, seed, window, {name: channels.get(name) for name in names})
+        extra = self._aovs((*names, *GUIDES) if denoise else names, window, seed, parameters)
+        beside = Beside(self.scene, self._scene_hash, seed, window, {name: extra.get(name) for name in names})
         tracer = SampleTracer(
             device=self._device,
             kernels=self._kernels,
@@ -179,7 +188,7 @@ class Renderer:
             result = beside.added_to(self._result(refined, shape, watch.tally))
         if not denoise:
             return result
-        return replace(result, denoised=denoised(result.image, *(channels[name] for name in GUIDES)))
+        return replace(result, denoised=denoised(result.image, *(extra[name] for name in GUIDES)))
 
     def _render_rounds(
         self,

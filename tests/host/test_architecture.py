@@ -27,7 +27,7 @@ renderer tracer
 result
 aov
 watch
-checkpoint primitives
+checkpoint primitives memory
 adaptive
 guide
 passes doctor
@@ -44,6 +44,7 @@ features geometry bvh image_io schema_errors scene_hash partial
 scene_camera schema sah procedural mesh_data mesh_obj mtl image_file
 schema_camera
 scene layout settings files toolchain drivers schema_types exr_state film signals image_tools denoise
+room
 errors
 """
 LEVEL = {module: -level for level, line in enumerate(LAYERS.splitlines()) for module in line.split()}

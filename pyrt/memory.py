@@ -1,0 +1,80 @@
+"""How much memory a render takes: known before it takes any."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pyrt.errors import PyrtError
+from pyrt.layout import constants, dtypes
+from pyrt.passes import PASS_SAMPLES
+from pyrt.room import available
+from pyrt.scene import ImageTexture, Mesh, Rectangle, Scene, Sphere
+
+# Bytes, measured with PoCL on Linux: most that are in use at once.
+_PROGRAM = 140 << 20  # Python, numpy, OpenCL with its compiler, OpenImageIO
+TRIANGLE = 450  # while the tree is built
+_SPHERE = 450
+_OBJECT = 1200  # of the scene file
+_SUM = 48  # of a pixel: its channels and their squares, in float64
+_PIXEL = 30  # its places in lists
+_WRITTEN = 110  # of a pixel: mean, variance, number of samples, and writing them
+_ADAPTIVE = 350  # of a pixel, if pixels have their own numbers of samples
+_CHANNEL = 6  # of a pixel: one channel beside the picture
+_UNASKED = 64 << 20  # to ask how much there is takes a millisecond
+_GIB = 1 << 30
+
+
+@dataclass(frozen=True)
+class Need:
+    """Bytes of memory at the peak of a render."""
+
+    scene: int  # what is loaded
+    build: int  # the tree while it is built, or, if that is more, what the device holds
+    picture: int
+
+    @property
+    def total(self) -> int:
+        """Of the process."""
+        return _PROGRAM + self.scene + self.build + self.picture
+
+    def require(self, name: str) -> None:
+        """Raises PyrtError, one sentence, unless what is not loaded yet fits into memory."""
+        more = self.build + self.picture
+        if more > _UNASKED and more > (free := available()):
+            raise PyrtError(
+                f"{name}: expected {more / _GIB:.3g} GiB of free memory ({self.build / _GIB:.3g} for the scene, "
+                f"{self.picture / _GIB:.3g} for the picture), found {max(free, 0) / _GIB:.3g} GiB"
+            )
+
+
+def estimate(scene: Scene, picture: int = 0) -> Need:
+    """What rendering the scene takes, within 20 %; compiling its kernels, for the first time, 130 MiB more for a moment.
+
+    For `picture` see `picture_bytes`.
+    """
+    meshes = [shape for shape in scene.shapes if isinstance(shape, Mesh)]
+    rectangles, spheres = (sum(isinstance(shape, kind) for shape in scene.shapes) for kind in (Rectangle, Sphere))
+    texels = sum(t.pixels.nbytes for t in scene.textures if isinstance(t, ImageTexture))
+    images = sum(isinstance(t, ImageTexture) for t in scene.textures)
+    arrays = (a for m in meshes for a in (m.vertices, m.triangles, m.uvs, m.normals) if a is not None)
+    loaded = sum({id(a): a.nbytes for a in arrays}.values()) + texels + _OBJECT * len(scene.shapes)
+    triangles = sum(len(mesh.triangles) for mesh in meshes) + 2 * rectangles
+    build = TRIANGLE * triangles + _SPHERE * spheres + texels * (1 + (images > 1))
+    return Need(loaded, build, picture)
+
+
+def picture_bytes(
+    scene: Scene, pixels: int, spp: int, *, channels: int = 0, keep: bool = False, adaptive: bool = False
+) -> int:
+    """Of a picture of so many pixels in passes of the default size.
+
+    `channels` come beside it; `keep`: what it takes to continue is kept, too; `adaptive`: for a noise target or a time.
+    """
+    lights = len(scene.lights) + sum(shape.radiance is not None for shape in scene.shapes)
+    in_pass = min(pixels, max(PASS_SAMPLES // spp, 1))
+    planes = 13 * in_pass * min(spp, PASS_SAMPLES)
+    shafts = lights if lights <= constants()["SHAFT_LIGHTS"] else 0
+    beams = dtypes()["Candidates"].itemsize * (1 + shafts) * in_pass // constants()["BEAM_PIXELS"]
+    nodes = spp.bit_count()  # and their sum
+    sums = _ADAPTIVE if adaptive else _PIXEL + _SUM * (nodes + (nodes > 1)) * (1 + keep)
+    return planes + beams + pixels * (max(sums, _WRITTEN) + _CHANNEL * channels)
