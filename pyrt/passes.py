@@ -107,7 +107,7 @@ class SampleTracer:
     ) -> tuple[Film, int]:
         """Samples first_sample … first_sample + samples − 1 of each pixel (x + 65536 · y).
 
-        With the beams of a picture, `places` says where in its list the pixels stand; else each pass makes its own beams.
+        With the beams of a picture, `places` tells where in its list the pixels stand; else each pass makes its own.
         Returns the film of these pixels, and how many of them, from the first on, are complete: all, unless stopped.
         """
         film = Film.empty(len(pixels))
