@@ -33,7 +33,10 @@ def _denoise(args: argparse.Namespace) -> int:
     layers = read_exr(args.input)
     guides = stored_guides(layers.planes)
     if guides is None:
-        warn(f"{args.input}: it has no channels denoising_albedo and denoising_normal, which keep details")
+        warn(
+            f"{args.input}: it has no channels denoising_albedo and denoising_normal, which keep details; "
+            "pyrt render --aov denoising_albedo,denoising_normal writes them"
+        )
     clean = denoised(layers.pixels, *(guides or ()))
     exr = args.output.lower().endswith(".exr")
     planes = layers.planes | {f"denoised.{c}": clean[..., i] for i, c in enumerate("RGB")}
