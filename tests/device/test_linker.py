@@ -101,3 +101,7 @@ def test_a_picture_without_toolchain(bare, tmp_path):
     done = bare(*render, path="/usr/bin:/bin", wrapper=wrapper)
     assert done.returncode == 0, done.stderr
     assert picture.exists()
+    done = bare("-m", "pyrt", "doctor", path="/usr/bin:/bin", wrapper=wrapper)
+    assert done.returncode == 0, done.stderr
+    assert "ok      linker: " in done.stdout
+    assert "ziglang" in done.stdout
