@@ -9,6 +9,8 @@ The message is one sentence per problem: where, what was found, what was expecte
 The command line prints it to stderr and exits with `exit_code`.
 """
 
+_SHOWN = 100  # problems in a message
+
 
 class PyrtError(Exception):
     """Rendering failed; base of all of pyrt's errors."""
@@ -27,14 +29,15 @@ class SceneError(PyrtError):
 
     Attributes:
         problems: one sentence per problem, each starting with its place (file and JSON path). What they quote may hold
-            any characters; those that cannot be printed are escaped.
+            any characters; those that cannot be printed are escaped. The message has the first hundred.
     """
 
     exit_code = 3
 
     def __init__(self, problems: str | list[str]):
         self.problems = [_printable(text) for text in ([problems] if isinstance(problems, str) else problems)]
-        super().__init__("\n".join(self.problems))
+        left = len(self.problems) - _SHOWN
+        super().__init__("\n".join(self.problems[:_SHOWN] + [f"... and {left} more problems"] * (left > 0)))
 
 
 class DeviceError(PyrtError):

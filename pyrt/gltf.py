@@ -29,7 +29,7 @@ _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_MAX_ZEROS = 2**26  # elements of an accessor that no bytes of the file stand for
+_MAX_ZEROS = 2**20  # elements of an accessor that no bytes of the file stand for
 
 # What a file may require: pyrt reads it, or it changes only the look of surfaces, and a warning says so.
 _READ = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_mesh_quantization", "KHR_node_visib")

@@ -90,8 +90,10 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
 def _read_npy(path: str | os.PathLike[str]) -> Image:
     check_file(path)
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)  # mapped: no more than the file holds is allocated
-    except ValueError as error:
+        with np.errstate(over="ignore"):
+            # mapped: no more than the file holds is allocated
+            array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OverflowError) as error:
         raise SceneError(f"{path}: not a readable array: {first_line(str(error)).lower()}") from None
     if array.ndim != 3 or array.shape[2] != 3 or not array.size or array.dtype.kind not in "fiu":
         raise SceneError(f"{path}: expected an array (height, width, 3) of numbers, found {array.shape} {array.dtype}")

@@ -48,7 +48,7 @@ class Need:
 
 
 def estimate(scene: Scene, picture: int = 0) -> Need:
-    """What rendering the scene takes, within 20 %; compiling its kernels, for the first time, 130 MiB more for a moment.
+    """What rendering the scene takes, within 20 %; compiling its kernels the first time, 130 MiB more for a moment.
 
     For `picture` see `picture_bytes`.
     """

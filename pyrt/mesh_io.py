@@ -108,12 +108,21 @@ def _from_obj(content: bytes) -> Surfaces:
 def _from_trimesh(content: bytes, extension: str) -> Surfaces:
     from trimesh import Trimesh, load_scene
 
+    if extension == "stl":
+        _check_stl(content)
     scene = load_scene(io.BytesIO(content), extension, process=False, skip_materials=True)
     parts = [part_of(geometry) for geometry in scene.geometry.values() if isinstance(geometry, Trimesh)]
     warnings = ("its points and lines are not used",) * (len(parts) < len(scene.geometry))
     colors = [part.colors for part in parts if part.colors is not None]
     mesh = joined([part.mesh for part in parts])._replace(warnings=warnings)
     return Surfaces(mesh, np.concatenate(colors) if len(colors) == len(parts) > 0 else None)
+
+
+def _check_stl(content: bytes) -> None:
+    """Raises ValueError for a binary file of another length than its header says, which trimesh would take for text."""
+    count, there = int.from_bytes(content[80:84], "little"), (len(content) - 84) // 50
+    if count != there and b"\0" in content[:84]:
+        raise ValueError(f"its header says {count} triangles, the file has room for {max(there, 0)}")
 
 
 def _mesh(geometry: Any) -> MeshData:

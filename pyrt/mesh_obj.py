@@ -145,9 +145,9 @@ def _triangles(
     """All polygons as fans, in the order of the file: their places there, and corners."""
     places, triangles = [np.empty(0, np.int64)], [np.empty((0, 3, 3), np.int64)]
     for place, indices in polygons:
-        for last in range(2, indices.shape[1]):
-            places.append(place)
-            triangles.append(indices[:, [0, last - 1, last]])
+        last = np.arange(2, indices.shape[1])
+        places.append(np.repeat(place, len(last)))
+        triangles.append(indices[:, np.stack([0 * last, last - 1, last], axis=1)].reshape(-1, 3, 3))
     of_triangle = np.concatenate(places)
     order = np.argsort(of_triangle, kind="stable")
     return of_triangle[order], np.concatenate(triangles)[order]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt import procedural, scene, schema
-from pyrt.errors import SceneError, UsageError
+from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.files import check_file
 from pyrt.geometry import COORDINATE_LIMIT, valid_triangles
 from pyrt.image_io import read_texture
@@ -24,6 +24,7 @@ from pyrt.mesh_data import MeshData, transformed
 from pyrt.mesh_io import load_mesh
 from pyrt.model import Model
 from pyrt.model_io import is_model, load_model
+from pyrt.room import available
 from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.schema_errors import json_path, quote, suggestion, validate
@@ -33,6 +34,7 @@ Source = str | os.PathLike[str] | Mapping[str, Any] | Model
 T = TypeVar("T")
 
 _EXAMPLE = "example:"
+_TRIANGLE = 100  # bytes of one in a scene; building its tree takes more, see `memory`
 _BLACK = np.zeros((1, 1, 3), np.float32)
 
 
@@ -46,6 +48,14 @@ class _Loading:
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     files: dict[tuple[Any, ...], Any] = field(default_factory=dict)  # read files, or None for unreadable ones
+    room: float = field(default_factory=lambda: available() / _TRIANGLE)  # for so many triangles
+
+    def take(self, path: str, triangles: int) -> None:
+        """Raises PyrtError unless there is memory for the object at `path`, too."""
+        if triangles > self.room:
+            found = f"{triangles:,} triangles, memory has room for {int(self.room):,} more"
+            raise PyrtError(f"{self.place}: {path}: {found}")
+        self.room -= triangles
 
     def problem(self, path: str, text: str) -> None:
         self.problems.append(f"{self.place}: {path}: {text}")
@@ -161,6 +171,9 @@ def _scene(
     used = {shape.material_name for shape in objects.values()}
     materials = {key: material for key, material in model.materials.items() if key in used}
     textures = _textures(loading, model, materials)
+    for path, shape in objects.items():
+        if isinstance(shape, schema.Icosphere):
+            loading.take(path, 20 * 4**shape.subdivisions)
     shapes = [_shape(loading, path, shape, list(materials)) for path, shape in objects.items()]
     film = scene.Film(*model.film.resolution)
     return scene.Scene(
@@ -264,6 +277,7 @@ def _mesh(loading: _Loading, path: str, shape: schema.Mesh) -> MeshData | None:
     mesh = mesh or loading.read(f"{path}.path", load_mesh, shape.path)
     if mesh is None:
         return None
+    loading.take(path, len(mesh.triangles))
     with np.errstate(over="ignore", invalid="ignore"):
         if shape.transform is not None:
             mesh = transformed(mesh, np.reshape(shape.transform, (4, 4)))

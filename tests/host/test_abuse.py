@@ -1,0 +1,86 @@
+"""Files are data: what they claim is checked before memory is taken for it, and messages stay short."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+
+from pyrt import scene_io
+from pyrt.errors import PyrtError, SceneError, UsageError
+from pyrt.image_io import read_picture
+from pyrt.mesh_io import load_mesh
+
+PLY = b"""ply
+format %s 1.0
+element vertex 4000000000
+property float x
+property float y
+property float z
+element face 1000000000
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
+GLTF = {
+    "asset": {"version": "2.0"},
+    "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "accessors": [{"componentType": 5126, "count": 10**7, "type": "VEC3"}],
+}
+NPY = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000, 1000000000, 3)}\n"
+BALL = {"type": "icosphere", "subdivisions": 9, "light": {"radiance": [1, 1, 1]}}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        (
+            "a.stl",
+            bytes(80) + struct.pack("<I", 4 * 10**9) + bytes(100),
+            "4000000000 triangles, the file has room for 2",
+        ),
+        ("a.ply", PLY % b"binary_little_endian", "not a readable PLY mesh"),
+        ("a.ply", PLY % b"ascii", "a.ply: "),
+        ("a.off", b"OFF\n4000000000 4000000000 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "not a readable OFF mesh"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n", "a face refers to v"),
+        ("a.gltf", json.dumps(GLTF).encode(), "expected at most 1048576 without a bufferView, got 10000000"),
+    ],
+)
+def test_absurd_counts_in_meshes(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SceneError, match=message):
+        load_mesh(tmp_path / name)
+
+
+def test_an_absurd_array(tmp_path):
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", len(NPY)) + NPY)
+    with pytest.raises(UsageError, match="not a readable array"):
+        read_picture(tmp_path / "a.npy")
+
+
+def test_polygons_of_a_thousand_sizes(tmp_path):
+    """As many triangles as there are corners but two, around the first one."""
+    faces = b"".join(b"f" + b" 1 2 3" * size + b"\n" for size in range(1, 200))
+    (tmp_path / "a.obj").write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + faces)
+    triangles = load_mesh(tmp_path / "a.obj").triangles
+    assert len(triangles) == sum(3 * size - 2 for size in range(1, 200))
+    assert triangles[:5].tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 0], [0, 0, 1], [0, 1, 2]]
+
+
+def test_objects_that_memory_cannot_hold_are_not_made(monkeypatch):
+    monkeypatch.setattr(scene_io, "available", lambda: 1e9)
+    with pytest.raises(PyrtError, match=r"objects\[1\]: 5,242,880 triangles, memory has room for 4,757,120 more"):
+        scene_io.load_scene({"objects": [BALL, BALL]})
+
+
+def test_a_message_ends(tmp_path):
+    with pytest.raises(SceneError) as caught:
+        scene_io.load_scene({"objects": [{"type": "sphere", "center": [0, 0, 0], "radius": -1}] * 300})
+    assert len(caught.value.problems) == 300
+    lines = str(caught.value).splitlines()
+    assert (len(lines), lines[-1]) == (101, "... and 200 more problems")
