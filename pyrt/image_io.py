@@ -155,7 +155,9 @@ def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
     if stored.dtype.kind == "u":
         values = np.linspace(0, 1, np.iinfo(stored.dtype).max + 1)
         table = srgb_to_linear(values) if colorspace == "srgb" else values
-        return np.take(table.astype(np.float32), stored)  # in C order, whatever the channels' order
+        # else the colours would be in the channels' order, and be copied on every further use
+        decoded: Image = table.astype(np.float32)[np.ascontiguousarray(stored)]
+        return decoded
     with np.errstate(over="ignore"):  # infinite then, which the caller checks
         return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
 

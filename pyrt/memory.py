@@ -12,7 +12,7 @@ from pyrt.scene import ImageTexture, Mesh, Rectangle, Scene, Sphere
 
 # Bytes, measured with PoCL on Linux: most that are in use at once.
 _PROGRAM = 140 << 20  # Python, numpy, OpenCL with its compiler, OpenImageIO
-TRIANGLE = 450  # while the tree is built
+_TRIANGLE = 480  # while the tree is built
 _SPHERE = 450
 _OBJECT = 1200  # of the scene file
 _SUM = 48  # of a pixel: its channels and their squares, in float64
@@ -59,7 +59,7 @@ def estimate(scene: Scene, picture: int = 0) -> Need:
     arrays = (a for m in meshes for a in (m.vertices, m.triangles, m.uvs, m.normals) if a is not None)
     loaded = sum({id(a): a.nbytes for a in arrays}.values()) + texels + _OBJECT * len(scene.shapes)
     triangles = sum(len(mesh.triangles) for mesh in meshes) + 2 * rectangles
-    build = TRIANGLE * triangles + _SPHERE * spheres + texels * (1 + (images > 1))
+    build = _TRIANGLE * triangles + _SPHERE * spheres + texels * (1 + (images > 1))
     return Need(loaded, build, picture)
 
 

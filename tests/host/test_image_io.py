@@ -237,3 +237,9 @@ def test_outputs_are_checked_before_rendering(tmp_path: Path) -> None:
 def test_openimageio_is_imported_only_to_read_or_write() -> None:
     code = "import sys, pyrt.image_io; sys.exit('OpenImageIO' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+
+
+def test_colours_are_in_the_order_that_packing_takes(tmp_path):
+    """Otherwise every use of a large texture would copy it."""
+    write_image(tmp_path / "a.png", np.zeros((3, 2, 3)))
+    assert read_texture(tmp_path / "a.png").pixels.flags.c_contiguous
