@@ -71,10 +71,11 @@ def picture_bytes(
     `channels` come beside it; `keep`: what it takes to continue is kept, too; `adaptive`: for a noise target or a time.
     """
     lights = len(scene.lights) + sum(shape.radiance is not None for shape in scene.shapes)
-    in_pass = min(pixels, max(PASS_SAMPLES // spp, 1))
-    planes = 13 * in_pass * min(spp, PASS_SAMPLES)
+    beam = constants()["BEAM_PIXELS"]
+    in_pass = min(pixels, max(PASS_SAMPLES // (spp * beam), 1) * beam)
+    planes = 13 * in_pass * min(spp, PASS_SAMPLES // beam)
     shafts = lights if lights <= constants()["SHAFT_LIGHTS"] else 0
-    beams = dtypes()["Candidates"].itemsize * (1 + shafts) * in_pass // constants()["BEAM_PIXELS"]
+    beams = dtypes()["Candidates"].itemsize * (1 + shafts) * in_pass // beam
     nodes = spp.bit_count()  # and their sum
     sums = _ADAPTIVE if adaptive else _PIXEL + _SUM * (nodes + (nodes > 1)) * (1 + keep)
     return planes + beams + pixels * (max(sums, _WRITTEN) + _CHANNEL * channels)
