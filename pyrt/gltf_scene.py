@@ -110,7 +110,11 @@ def _object(reading: _Reading, place: str, primitive: Primitive) -> dict[str, An
 
 
 def _moved(uvs: NDArray[np.float32], transform: TextureTransform) -> NDArray[np.float32]:
-    """KHR_texture_transform: scaled, turned counter-clockwise in an image with v upwards, and shifted."""
+    """KHR_texture_transform: scaled, turned counter-clockwise as one sees it in the image, and shifted.
+
+    As v runs down there, the matrix that the extension prints turns clockwise. Its words, its example and the programs
+    that read it agree on this.
+    """
     sine, cosine = math.sin(transform.rotation), math.cos(transform.rotation)
     u, v = np.moveaxis(uvs.astype(np.float64) * transform.scale, -1, 0)
     turned = np.stack([cosine * u + sine * v, cosine * v - sine * u], axis=-1)

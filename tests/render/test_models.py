@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pyrt
+from pyrt.image_io import write_image
 from tests.gltf_files import GltfFile
 
 CAMERA = {"type": "perspective", "perspective": {"yfov": 2 * math.atan(0.4), "aspectRatio": 1}}
 SQUARE = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
 
 
-def lit_square(tmp_path: Path, intensity: float, **attributes: object) -> np.ndarray:
-    """A white square that fills the picture, under a directional light at 45 degrees."""
+def lit_square(
+    tmp_path: Path, intensity: float, texture: dict[str, Any] | None = None, **attributes: Any
+) -> np.ndarray:
+    """A square that fills the picture, under a directional light at 45 degrees: white, or a texture of square.png."""
     light = {"type": "directional", "intensity": intensity}
     angle = math.pi / 8
     file = GltfFile(
@@ -28,6 +32,11 @@ def lit_square(tmp_path: Path, intensity: float, **attributes: object) -> np.nda
             {"extensions": {"KHR_lights_punctual": {"light": 0}}, "rotation": [math.sin(angle), 0, 0, math.cos(angle)]},
         ],
     )
+    if texture is not None:
+        file.tree["images"], file.tree["textures"] = [{"uri": "square.png"}], [{"source": 0}]
+        pbr = {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": texture}}, "metallicFactor": 0}
+        file.tree["materials"] = [{"pbrMetallicRoughness": pbr}]
+        attributes["material"] = 0
     file.mesh(SQUARE, [0, 1, 2, 0, 2, 3], **attributes)
     return pyrt.render(file.save(tmp_path / "square.glb"), spp=4, size=(16, 16)).image
 
@@ -46,6 +55,19 @@ def test_vertex_colours(tmp_path: Path) -> None:
     expected = np.stack([np.tile(ramp, (16, 1)), np.tile(ramp[::-1, None], (1, 16)), np.tile(ramp, (16, 1))], axis=2)
     # 4 stratified samples leave a fraction of a pixel's ramp of 1/16
     np.testing.assert_allclose(image, expected, atol=0.25 / 16)
+
+
+def test_a_texture_transform_shows_the_part_that_its_specification_says(tmp_path: Path) -> None:
+    """The example of KHR_texture_transform: the lower left quadrant of the image, rotated clockwise by 90 degrees."""
+    patches = np.linspace(0.1, 0.9, 48).reshape(4, 4, 3).astype(np.float32)
+    write_image(tmp_path / "square.png", patches.repeat(16, axis=0).repeat(16, axis=1))
+    transform = {"offset": [0, 1], "rotation": math.pi / 2, "scale": [0.5, 0.5]}
+    uvs = [[0, 1], [1, 1], [1, 0], [0, 0]]  # the image upright: its upper left corner is the square's
+    image = lit_square(tmp_path, math.pi * math.sqrt(2), transform, TEXCOORD_0=uvs)
+    clockwise = np.rot90(patches[2:, :2], -1)
+    np.testing.assert_allclose(image[[4, 11]][:, [4, 11]], clockwise, atol=5e-3)  # 8 bits on the sRGB curve
+    for other in (np.rot90(patches[2:, :2], 1), np.rot90(patches[:2, 2:], 1), np.rot90(patches[:2, 2:], -1)):
+        assert np.abs(clockwise - other).max() > 0.05
 
 
 @pytest.mark.parametrize("stretch", [1.0, 2.0])
