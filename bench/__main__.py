@@ -1,4 +1,4 @@
-"""The command line: `python -m bench [error|rays|build|start|cost|numerics]`."""
+"""The command line: `python -m bench [error|rays|build|start|growth|cost|numerics]`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bench import bias, build, cost, error, numerics, peers_embree, peers_mitsuba, rays, report, start
+from bench import bias, build, cost, error, growth, numerics, peers_embree, peers_mitsuba, rays, report, start
 from bench.report import Outcome
 from bench.scenes import ERROR_SCENES
 from pyrt.device import choose_device
 from pyrt.errors import PyrtError
 
-PARTS = ("error", "rays", "build", "start", "cost", "numerics")
+PARTS = ("error", "rays", "build", "start", "growth", "cost", "numerics")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,6 +61,7 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
         "rays": lambda: rays.run(args.quick, repeats),
         "build": lambda: build.run(args.quick, repeats),
         "start": lambda: start.run(args.quick, repeats),
+        "growth": lambda: growth.run(args.quick, min(repeats, 3), out),
         "cost": lambda: cost.run(args.quick, repeats),
         "numerics": lambda: bias.run(args.quick) if args.bias else numerics.run(args.quick),
     }

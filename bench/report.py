@@ -124,17 +124,22 @@ def comparison(old: Mapping[str, Any], outcomes: Mapping[str, Outcome]) -> Table
     return Table(title, ("figure", "old", "new", "new / old"), tuple(rows))
 
 
-def curves(path: Path, title: str, lines: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> None:
-    """Plots error against seconds, log–log; pyrt stands out. Needs matplotlib; without it, nothing is written."""
+def curves(
+    path: Path,
+    title: str,
+    lines: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+    labels: tuple[str, str] = ("seconds", "relMSE"),
+) -> None:
+    """Plots x against y, log–log; pyrt stands out. Needs matplotlib; without it, nothing is written."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         print(f"{path.name}: not drawn, for matplotlib is missing", file=sys.stderr)
         return
     figure = Figure(figsize=(7, 5), layout="constrained")
-    axes = figure.add_subplot(xscale="log", yscale="log", xlabel="seconds", ylabel="relMSE", title=title)
-    for name, (seconds, errors) in lines.items():
-        axes.plot(seconds, errors, marker="o", label=name, linewidth=2.5 if name.startswith("pyrt") else 1)
+    axes = figure.add_subplot(xscale="log", yscale="log", xlabel=labels[0], ylabel=labels[1], title=title)
+    for name, (x, y) in lines.items():
+        axes.plot(x, y, marker="o", label=name, linewidth=2.5 if name.startswith("pyrt") else 1)
     axes.grid(True, which="both", alpha=0.3)
     axes.legend()
     figure.savefig(path)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from bench import peers_mitsuba
 from bench.measure import paired_ratio
+from bench.process import Process, run_python
 from bench.report import Outcome, Table, number
 from bench.scenes import FOLDER, MILLION, shipped
 from pyrt import load_scene
@@ -112,10 +110,10 @@ def _measure(work: Work, repeats: int) -> dict[str, dict[str, Any]]:
                 cache.mkdir()
                 for state in ("cold", "warm"):
                     print(f"start: {work.label}, {name}, {state}", file=sys.stderr)
-                    seconds, memory = _timed(command, Path(folder), cache)
+                    process = _run(command, Path(folder), cache)
                     entry = found.setdefault(state, {}).setdefault(name, {"seconds": [], "MiB": 0.0})
-                    entry["seconds"].append(seconds)
-                    entry["MiB"] = max(entry["MiB"], memory)
+                    entry["seconds"].append(process.seconds)
+                    entry["MiB"] = max(entry["MiB"], process.peak)
     for renderers in found.values():
         for entry in renderers.values():
             entry["median"] = statistics.median(entry["seconds"])
@@ -126,30 +124,15 @@ def _commands(work: Work, folder: Path) -> dict[str, list[str]]:
     scene_file, spp = work.scene_file(folder), str(work.spp)
     options = ["-q", f"--size={work.side}x{work.side}", f"--spp={spp}"]
     outputs = ["-o", str(folder / "ours.exr"), "-o", str(folder / "ours.png")]
-    commands = {"pyrt": [sys.executable, "-m", "pyrt", "render", str(scene_file), *options, *outputs]}
+    commands = {"pyrt": ["-m", "pyrt", "render", str(scene_file), *options, *outputs]}
     if peers_mitsuba.version():
         xml = peers_mitsuba.write_scene(load_scene(scene_file), (work.side, work.side), folder)
         arguments = [peers_mitsuba.variant(), str(xml), spp, str(folder / "theirs")]
-        commands["Mitsuba"] = [sys.executable, "-c", MITSUBA_SCRIPT, *arguments]
+        commands["Mitsuba"] = ["-c", MITSUBA_SCRIPT, *arguments]
     return commands
 
 
-def _timed(command: list[str], folder: Path, cache: Path) -> tuple[float, float]:
-    """Wall seconds and peak MiB of a process whose caches are in `cache`: PoCL's, pyrt's, and (below HOME) Dr.Jit's."""
-    environment = {
-        **os.environ,
-        "POCL_CACHE_DIR": str(cache),
-        "XDG_CACHE_HOME": str(cache),
-        "HOME": str(cache),
-        "PYTHONPATH": str(ROOT),
-    }
-    start = perf_counter()
-    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    assert process.stderr
-    message = process.stderr.read().decode()
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = perf_counter() - start
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(command[:4])} … failed: {message.strip()[-300:]}")
-    return seconds, usage.ru_maxrss / 1024
+def _run(arguments: list[str], folder: Path, cache: Path) -> Process:
+    """A process whose caches are in `cache`: PoCL's, pyrt's, and (below HOME) Dr.Jit's."""
+    caches = {name: str(cache) for name in ("POCL_CACHE_DIR", "XDG_CACHE_HOME", "HOME")}
+    return run_python(arguments, folder, {**caches, "PYTHONPATH": str(ROOT)})

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from bench import error, measure, report
+from bench import error, growth, measure, process, report
 from bench.error import Rung
 from bench.report import Outcome, Table
 
@@ -165,3 +165,39 @@ def test_a_run_says_what_it_ran_on():
     assert about["command"] == "python -m bench error --scene 'mesh room'"
     assert about["versions"]["numpy"] == np.__version__
     assert "cores" in about["machine"]
+
+
+SIZES = [10.0, 20.0, 80.0, 320.0]
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.5, 1.0, 2.0])
+def test_exponents_of_powers(exponent):
+    cost = [3 * size**exponent for size in SIZES]
+    assert growth.exponents(SIZES, cost) == pytest.approx([exponent] * 3)
+    assert growth.cliffs(SIZES, cost, exponent) == [False] * 3
+    assert growth.cliffs(SIZES, cost, exponent - 0.5) == [True] * 3
+
+
+def test_a_cliff_is_found_where_it_is():
+    """Of a fifth between two sizes of otherwise linear cost; a tenth, as times are not exact, is none."""
+    assert growth.cliffs(SIZES, [1, 2, 8 * 1.2, 32 * 1.2], 1) == [False, True, False]
+    assert growth.cliffs(SIZES, [1, 2, 8 * 1.1, 32 * 1.1], 1) == [False] * 3
+
+
+def test_the_table_of_growth_marks_cliffs():
+    found = {"load": [1.0, 1, 1, 1], "build": SIZES, "render": [1.0, 2, 8, 320], "peak": [100.0, 101, 103, 200]}
+    limits = {"build": 1, "render": 1}
+    rows = growth.table("lights", [10, 20, 80, 320], found, limits).rows
+    assert rows[0] == ("10", "1", "", "10", "", "1", "", "100", "")
+    assert rows[3] == ("320", "1", "0.00", "320", "1.00", "320", "2.66 *", "200", "0.48 *")
+    assert not any("*" in cell for row in rows[:3] for cell in row)
+
+
+def test_processes_are_measured_by_themselves():
+    """Not with the memory of this one, which is larger."""
+    held = np.ones(1 << 24)
+    small, large = (process.run_python(["-c", code]) for code in ("print(1)", "print(len(b'x' * (1 << 26)))"))
+    assert (small.output, large.output) == ("1\n", f"{1 << 26}\n")
+    assert small.peak < 64 < large.peak < held.nbytes >> 20
+    with pytest.raises(RuntimeError, match=r"failed: .*no such thing"):
+        process.run_python(["-c", "raise SystemExit('no such thing')"])
