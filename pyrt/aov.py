@@ -76,6 +76,16 @@ def exr_planes(aovs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return planes
 
 
+def stored_aovs(planes: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The AOVs whose channels are all among these planes, by name: what `exr_planes` made them of."""
+    found: dict[str, NDArray[Any]] = {}
+    for name, aov in AOVS.items():
+        if set(aov.channels) <= set(planes):
+            channels: list[NDArray[Any]] = [planes[channel].astype(aov.dtype) for channel in aov.channels]
+            found[name] = np.stack(channels, axis=2) if len(channels) > 1 else channels[0]
+    return found
+
+
 @dataclass(frozen=True)
 class AovTracer:
     """Computes AOVs of one picture.

@@ -36,6 +36,8 @@ def _merge(args: argparse.Namespace) -> int:
     for path in args.output:
         check_output(path, args.exposure)
     result = merge(args.parts)
+    if left_out := result.stats["left_out"]:
+        warn(f"{', '.join(left_out)}: left out, as they are of single parts; pyrt denoise makes them of the whole")
     for path in args.output:
         for text in result.save(path, exposure=args.exposure):
             warn(text)

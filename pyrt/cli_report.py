@@ -19,16 +19,15 @@ if TYPE_CHECKING:
 def plan(args: argparse.Namespace, scene: Scene, outputs: list[str]) -> str:
     """The text of --dry-run. Raises UsageError for what the render itself would refuse."""
     from pyrt.info import scene_report
-    from pyrt.renderer import MAX_SAMPLES
+    from pyrt.request import request_for
     from pyrt.scene import Film
-    from pyrt.settings import check_arguments, crop_window
 
-    width, height = args.size or (scene.film.width, scene.film.height)
+    asked = {"noise": args.noise, "time_limit": args.time, "samples": args.samples, "crop": args.crop, "aovs": args.aov}
+    request = request_for(scene, args.spp, args.seed, args.size, denoise=args.denoise, **asked)
     limits = [] if args.noise is None else [f"an error of {args.noise:g}"]
     limits += [] if args.time is None else [f"{args.time:g} s"]
-    spp = args.spp if args.spp is not None else MAX_SAMPLES if limits else scene.spp
-    check_arguments(spp, args.seed, width, height, 1, args.noise, args.time)
-    window = crop_window(args.crop, width, height)
+    window, spp = request.window, request.spp
+    width, height = window.width, window.height
     replaced = [path for path in outputs if os.path.exists(path)]
     lines = [
         scene_report(replace(scene, film=Film(width, height), spp=spp)),

@@ -5,14 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import reduce
 from itertools import pairwise
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrt.aov import exr_planes, stored_aovs
 from pyrt.errors import UsageError
+from pyrt.image_file import Attribute, read_exr
 from pyrt.partial import Partial, merge_order
 from pyrt.partial import merge as add
 from pyrt.partial_file import read_header, read_partial
-from pyrt.renderer import Renderer, partial_result
+from pyrt.picture import partial_result
+from pyrt.renderer import Renderer
 from pyrt.result import Result
 from pyrt.scene_io import Source, load_scene
 
@@ -21,15 +29,47 @@ def merge(paths: Sequence[str | os.PathLike[str]]) -> Result:
     """The picture of all the samples in EXR files that renders with `samples=` or `checkpoint=` wrote, with the same
     bits as that of one render.
 
+    It has the AOVs that any of the files has, which do not depend on the range of samples; variance and samples are
+    those of all together. `Result.stats["left_out"]` lists the other channels, such as those of a denoised part.
+
     Raises:
-        UsageError: a file is damaged or of another kind, they are not of one picture on one kind of device, or their
-            samples overlap or leave a gap.
+        UsageError: a file is damaged or of another kind, they are not of one picture on one kind of device, their
+            samples overlap or leave a gap, or their AOVs differ.
     """
     names = [os.fspath(path) for path in paths]
     if not names or len(set(names)) < len(names):
         raise UsageError(f"expected different files to merge, got {', '.join(names) or 'none'}")
     order = merge_order({name: read_header(name) for name in names})
-    return partial_result(reduce(add, (read_partial(name) for name in order)))
+    return _with_channels(partial_result(reduce(add, (read_partial(name) for name in order))), order)
+
+
+def _with_channels(result: Result, names: list[str]) -> Result:
+    """The result with the AOVs of its parts, and what their headers say of the scene."""
+    aovs: dict[str, NDArray[Any]] = {}
+    left_out: set[str] = set()
+    metadata: dict[str, Attribute] = {}
+    sampled = {"variance": result.variance, "samples": result.samples}
+    for name in names:
+        layers = read_exr(name)
+        found = stored_aovs(layers.planes)
+        left_out |= layers.planes.keys() - exr_planes(found).keys()
+        metadata = metadata or layers.metadata
+        for aov, array in found.items():
+            if aov not in sampled and not _same(array, aovs.setdefault(aov, array)):
+                raise UsageError(
+                    f"{name}: its channels of {aov} are not those of {names[0]}, expected the same picture"
+                )
+        aovs |= {aov: array for aov, array in sampled.items() if aov in found}
+    metadata = {key: value for key, value in metadata.items() if key != "pyrt:seconds"} | result.metadata
+    return replace(result, aovs=aovs, metadata=metadata, stats={**result.stats, "left_out": sorted(left_out)})
+
+
+def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Whether AOVs are equal, but for the rounding of another machine."""
+    if a.shape != b.shape or a.dtype.kind == "u":
+        return np.array_equal(a, b)
+    finite = np.abs(a[np.isfinite(a)])
+    return np.allclose(a, b, rtol=1e-5, atol=1e-5 * finite.max(initial=0))
 
 
 def render_samples(

@@ -16,23 +16,35 @@ from pydantic import Field
 from pyrt.errors import UsageError
 from pyrt.film import Film
 from pyrt.layout import constants, kernel_dir
+from pyrt.settings import Window
 
 Side = Annotated[int, Field(ge=1, le=1 << 16)]
 Seed = Annotated[int, Field(ge=0, lt=1 << 32)]
 Index = Annotated[int, Field(ge=0, le=1 << 30)]
+Crop = tuple[Index, Index, Index, Index]
 
 
 @dataclass(frozen=True)
 class Work:
-    """What a sample depends on, beside its pixel and its index. Films of the same work add up exactly."""
+    """What a film holds, beside a range of samples, and what these depend on. Films of the same work add up exactly.
+
+    Attributes:
+        width, height: of the whole picture, of which `crop`, (x0, y0, x1, y1), is the part in the film.
+    """
 
     scene: str  # see `scene_hash`
     width: Side
     height: Side
+    crop: Crop
     seed: Seed
     device: str
     pyrt: str  # version
     kernels: str  # see `kernels_hash`
+
+    @property
+    def window(self) -> Window:
+        """The film's pixels."""
+        return Window(*self.crop, self.width, self.height)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import prod
 from typing import Annotated, Literal
 
 import numpy as np
@@ -40,7 +41,7 @@ class _Round:
 
 @dataclass(frozen=True)
 class _Header:
-    format: Literal[1]
+    format: Literal[2]
     work: Work
     spp: Index
     samples: tuple[Index, Index] | None = None
@@ -57,18 +58,18 @@ class _Header:
 def state_part(partial: Partial | PartialAdaptive) -> StatePart:
     """What `image_io.write_image` stores beside the picture."""
     if isinstance(partial, Partial):
-        header = _Header(1, partial.work, partial.spp, samples=(partial.first, partial.end))
+        header = _Header(2, partial.work, partial.spp, samples=(partial.first, partial.end))
     else:
         state = partial.state
         rounds = _Round(partial.noise, state.decay.tolist(), state.falls.tolist(), state.dropped)
-        header = _Header(1, partial.work, partial.spp, adaptive=rounds)
+        header = _Header(2, partial.work, partial.spp, adaptive=rounds)
     text = TypeAdapter(_Header).dump_json(header)
-    rows = header.planes() * partial.work.height + 1
-    return StatePart(text.decode(), rows, 2 * partial.work.width, _blocks(partial, text))
+    height, width = partial.work.window.shape
+    return StatePart(text.decode(), header.planes() * height + 1, 2 * width, _blocks(partial, text))
 
 
 def _blocks(partial: Partial | PartialAdaptive, header: bytes) -> Iterator[NDArray[np.uint32]]:
-    width, height = partial.work.width, partial.work.height
+    height, width = partial.work.window.shape
     check = zlib.crc32(header)
     for plane in _planes(partial):
         picture = plane[partial.order]
@@ -110,7 +111,7 @@ def read_partial(
     work, (first, end) = header.work, _fixed(path, header)
     if expected is not None:
         require_same(path, work, expected)
-    order = np.arange(work.width * work.height) if order is None else order
+    order = np.arange(prod(work.window.shape)) if order is None else order
     count, nodes = np.empty(len(order), np.uint32), {}
     try:
         count[order] = _whole(next(planes))
@@ -166,10 +167,10 @@ def _open(path: str | os.PathLike[str]) -> tuple[_Header, Iterator[Plane]]:
         problem = error.errors()[0]
         place = ".".join(map(str, problem["loc"])) or "header"
         raise UsageError(f"{path}: damaged, or of another version of pyrt: {place}: {problem['msg'].lower()}") from None
-    work, planes = header.work, header.planes()
-    if not planes or (rows, row_words) != (planes * work.height + 1, 2 * work.width):
+    (height, width), planes = header.work.window.shape, header.planes()
+    if min(planes, height, width) < 1 or (rows, row_words) != (planes * height + 1, 2 * width):
         raise UsageError(f"{path}: damaged: its size does not fit its header")
-    return header, _read_planes(read, rows, work.height, zlib.crc32(text.encode()))
+    return header, _read_planes(read, rows, height, zlib.crc32(text.encode()))
 
 
 def _read_planes(read: Callable[[int, int], NDArray[np.uint32]], rows: int, height: int, check: int) -> Iterator[Plane]:

@@ -24,7 +24,8 @@ api info progress terminal compare checkup schema_reference
 farm
 intersector
 renderer tracer
-result
+picture
+result device_scene request
 aov
 watch
 checkpoint primitives memory

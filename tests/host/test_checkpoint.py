@@ -12,7 +12,7 @@ from pyrt.checkpoint import accumulate, begin
 from pyrt.film import Film
 from pyrt.partial import Partial, Work
 
-WORK = Work("", 2, 1, 0, "", "", "")
+WORK = Work("", 2, 1, (0, 0, 2, 1), 0, "", "", "")
 PIXELS = np.arange(2, dtype=np.uint32)
 
 

@@ -19,7 +19,7 @@ from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, merge, merge_
 from pyrt.partial_file import read_adaptive, read_header, read_partial, state_part
 
 WIDTH, HEIGHT = 7, 5
-WORK = Work("c0ffee", WIDTH, HEIGHT, 3, "a device", "0.1.0", "beef")
+WORK = Work("c0ffee", WIDTH, HEIGHT, (0, 0, WIDTH, HEIGHT), 3, "a device", "0.1.0", "beef")
 PICTURE = np.linspace(0, 1, WIDTH * HEIGHT * 3, dtype=np.float32).reshape(HEIGHT, WIDTH, 3)
 
 

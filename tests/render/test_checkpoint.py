@@ -139,6 +139,32 @@ def test_progress_goes_on_where_it_stopped(renderer, tmp_path):
     assert 0.5 < events[0]["done"] <= events[-1]["done"] == 1
 
 
+# Crops ----------------------------------------------------------------------------------------------------------------
+
+CROP = (3, 2, 17, 12)
+
+
+@pytest.mark.parametrize("limits", [{"spp": SPP}, {"spp": 64, "noise": 0.01}], ids=["fixed", "adaptive"])
+def test_a_crop_stops_and_goes_on_to_the_same_bits(renderer, whole, tmp_path, limits):
+    keep = {"checkpoint": tmp_path / "a.exr", "crop": CROP, "pass_samples": 600, **limits}
+    part = renderer.render(**keep, progress=stop_after(3))
+    assert part.image.shape == (10, 14, 3)
+    assert part.samples.min() < part.samples.max() or part.samples.max() < SPP
+    result = renderer.render(**keep, resume=True)
+    assert_same_bits(result, renderer.render(**limits, crop=CROP))
+    assert result.stats["samples"] < result.samples.sum()
+    if "noise" not in limits:
+        assert result.image.tobytes() == whole.image[2:12, 3:17].tobytes()
+
+
+def test_ranges_of_a_crop_are_merged_where_they_lie(renderer, tmp_path):
+    for name, samples in (("a.exr", (0, 16)), ("b.exr", (16, SPP))):
+        renderer.render(samples=samples, crop=CROP).save(tmp_path / name)
+    result = merge([tmp_path / "a.exr", tmp_path / "b.exr"])
+    assert_same_bits(result, renderer.render(SPP, crop=CROP))
+    assert result.window == (*CROP, *SIZE)
+
+
 # Adaptive renders -----------------------------------------------------------------------------------------------------
 
 TARGET = {"noise": 0.004, "spp": 256}
@@ -211,6 +237,7 @@ def test_another_kind_of_render_is_not_continued(renderer, tmp_path):
     [
         ({"seed": 1}, r"its samples are of another seed \(0\), expected 1"),
         ({"size": (20, 14)}, "its samples are of another height"),
+        ({"crop": (0, 0, 9, 9)}, r"its samples are of another crop \(\(0, 0, 20, 13\)\), expected \(0, 0, 9, 9\)"),
         ({"spp": 3}, "it holds samples up to 4 already, expected at most 3"),
         ({"samples": (2, 9), "spp": None}, "its samples begin with 0, expected 2"),
     ],
@@ -231,10 +258,11 @@ def test_another_scene_device_or_version_is_not_continued(renderer, scene_file, 
     other = pyrt.Renderer(replace(scene, camera=replace(scene.camera, fov=46)))
     with pytest.raises(pyrt.UsageError, match="another scene"):
         other.render(4, **keep)
-    monkeypatch.setattr("pyrt.renderer.kernels_hash", lambda: "new")
+    monkeypatch.setattr("pyrt.picture.kernels_hash", lambda: "new")
     with pytest.raises(pyrt.UsageError, match="another kernels"):
         renderer.render(4, **keep)
-    monkeypatch.setattr(renderer._device, "info", replace(renderer._device.info, name="another machine's"))
+    device = renderer._on_device.device
+    monkeypatch.setattr(device, "info", replace(device.info, name="another machine's"))
     with pytest.raises(pyrt.UsageError, match="another device"):
         renderer.render(4, **keep)
 
@@ -292,6 +320,40 @@ def test_files_that_do_not_fit_are_not_merged(renderer, tmp_path, files, message
     assert main(["merge", *files, "-o", "out.exr"]) == 2
     assert message in capsys.readouterr().err
     assert not Path("out.exr").exists()
+
+
+def test_merging_carries_the_channels_of_any_part(renderer, tmp_path, monkeypatch, capsys):
+    """Geometry and filtered channels do not depend on the samples, variance and their number are of all together."""
+    monkeypatch.chdir(tmp_path)
+    parts = {"a": ((0, 16), ["z", "albedo", "variance"]), "b": ((16, SPP), ["z", "object", "samples", "normal"])}
+    for name, (samples, aovs) in parts.items():
+        part = renderer.render(samples=samples, aovs=aovs)
+        replace(part, denoised=part.image).save(f"{name}.exr")
+    assert main(["merge", "b.exr", "a.exr", "-o", "all.exr"]) == 0
+    message = "warning: denoised.B, denoised.G, denoised.R: left out, as they are of single parts; pyrt denoise makes"
+    assert capsys.readouterr().err.startswith(message)
+    names = ["z", "albedo", "variance", "object", "samples", "normal"]
+    expected = renderer.render(SPP, aovs=names)
+    merged = merge(["all.exr"])
+    assert merged.stats["left_out"] == []
+    assert set(merged.aovs) == set(names)
+    for name in names:
+        assert merged.aovs[name].tobytes() == expected.aovs[name].tobytes(), name
+    for name in ("worldToCamera", "worldToNDC"):
+        np.testing.assert_allclose(merged.metadata[name], expected.metadata[name], rtol=1e-6, atol=1e-6)
+    assert merged.metadata["pyrt:spp"] == SPP
+
+
+@pytest.mark.parametrize("name", ["z", "object"])
+def test_parts_that_show_different_things_are_not_merged(renderer, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    renderer.render(samples=(0, 4), aovs=[name]).save("a.exr")
+    part = renderer.render(samples=(4, 8), aovs=[name])
+    other = part.aovs[name].copy()
+    other[10, 10] += 1
+    replace(part, aovs={name: other}).save("b.exr")
+    with pytest.raises(pyrt.UsageError, match=f"b.exr: its channels of {name} are not those of a.exr"):
+        merge(["a.exr", "b.exr"])
 
 
 def test_threads_of_an_executor_render_the_same_bits(scene_file, whole):
@@ -409,7 +471,7 @@ def accident(monkeypatch):
             happens(*arguments)
             return real(*args)
 
-        monkeypatch.setattr("pyrt.renderer.accumulate", accumulate)
+        monkeypatch.setattr("pyrt.picture.accumulate", accumulate)
 
     yield plan
     resource.setrlimit(resource.RLIMIT_FSIZE, limit)

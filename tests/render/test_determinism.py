@@ -43,7 +43,7 @@ def expected(renderer: pyrt.Renderer) -> str:
 
 def another(renderer: pyrt.Renderer, scene: Scene = SCENE) -> pyrt.Renderer:
     """A second one on the same device."""
-    return pyrt.Renderer(scene, renderer._device.info.index)
+    return pyrt.Renderer(scene, renderer._on_device.device.info.index)
 
 
 @pytest.mark.parametrize("pass_samples", [13, 64, 1000, 1440])
@@ -102,7 +102,7 @@ def test_merged_sample_ranges(expected, renderer, first, monkeypatch):
 @pytest.mark.parametrize("threads", ["1", "3"])
 def test_number_of_threads(expected, renderer, threads):
     """In a process of its own; so a second process gives the same bits too."""
-    info = renderer._device.info
+    info = renderer._on_device.device.info
     if not info.is_pocl:
         pytest.skip("how to limit the threads of this device is unknown")
     code = f"""from tests.render.test_determinism import SCENE, digest, pyrt

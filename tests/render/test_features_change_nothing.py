@@ -12,7 +12,7 @@ import pytest
 
 import pyrt
 from pyrt.features import build_options, feature_table
-from pyrt.renderer import Result
+from pyrt.result import Result
 from pyrt.scene import Scene
 from tests.render.everything import everything
 
@@ -67,6 +67,6 @@ def test_a_needed_feature_left_out_is_noticed(macro):
     """Each macro guards something: without it the fullest scene looks different."""
     scene = everything()
     wrong = [option for option in build_options(feature_table(scene)) if macro not in option]
-    with patch("pyrt.renderer.build_options", lambda table, everything: [*wrong, f"-D{macro}=0"]):
+    with patch("pyrt.device_scene.build_options", lambda table, everything: [*wrong, f"-D{macro}=0"]):
         without = render(scene)
     assert not same_bits(without, render(scene))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pyrt.renderer import Renderer, Result
+from pyrt.renderer import Renderer
+from pyrt.result import Result
 from pyrt.scene_io import load_scene
 from tests.strategies import Case, cases, examples
 
