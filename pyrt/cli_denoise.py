@@ -9,7 +9,7 @@ from pyrt.cli_options import Verbs, add_verb, warn
 _EXAMPLES = """\
   pyrt render scene.json --denoise                               the same while rendering: scene.exr and scene.png
   pyrt render scene.json --aov denoising_albedo,denoising_normal
-  pyrt denoise scene.exr -o clean.exr                            keeps all channels, adds denoised.R, .G and .B
+  pyrt denoise scene.exr -o clean.exr                            keeps what it holds, adds denoised.R, .G and .B
   pyrt denoise scene.exr -o clean.png --exposure 1
 """
 
@@ -25,6 +25,7 @@ def add_verbs(verbs: Verbs) -> None:
 
 def _denoise(args: argparse.Namespace) -> int:
     from pyrt.denoise import denoised, require_denoiser, stored_guides
+    from pyrt.exr_state import stored_state
     from pyrt.image_file import read_exr
     from pyrt.image_io import check_output, write_image
 
@@ -48,6 +49,7 @@ def _denoise(args: argparse.Namespace) -> int:
         planes=planes,
         half=layers.half,
         window=layers.window,
+        state=stored_state(args.input) if exr else None,
     ):
         warn(text)
     return 0

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pyrt.errors import UsageError
 
 _STATE = "pyrt:state"  # the header attribute
+_ROWS = 64  # copied at a time, which bounds memory
 
 
 class StatePart(NamedTuple):
@@ -54,14 +55,10 @@ def read_state(path: str | os.PathLike[str]) -> tuple[str, int, int, Callable[[i
     Raises:
         UsageError: no such file, or none with such a part.
     """
-    import OpenImageIO as oiio
-
     if not os.path.isfile(path):
         raise UsageError(f"{path}: expected a file that pyrt wrote with --checkpoint or --samples, found none")
-    file = oiio.ImageInput.open(os.fspath(path))
-    header = file.spec().getattribute(_STATE) if file is not None and file.seek_subimage(1, 0) else None
-    if file is None or not isinstance(header, str):
-        oiio.geterror()  # else it is printed at the end
+    file, header = _open(path)
+    if header is None:
         raise UsageError(f"{path}: expected a file that pyrt wrote with --checkpoint or --samples")
     spec = file.spec()
     if 4 * spec.width * spec.height > os.path.getsize(path):
@@ -74,3 +71,28 @@ def read_state(path: str | os.PathLike[str]) -> tuple[str, int, int, Callable[[i
         return np.asarray(words, np.uint32).reshape(end - first, -1)
 
     return header, spec.height, spec.width, read
+
+
+def stored_state(path: str | os.PathLike[str]) -> StatePart | None:
+    """An EXR file's state part, for another file; None if it has none. Its blocks raise OSError where it is damaged.
+
+    Raises:
+        UsageError: the part is shorter than its header says.
+    """
+    if _open(path)[1] is None:
+        return None
+    header, rows, row_words, read = read_state(path)
+    blocks = (read(row, min(row + _ROWS, rows)) for row in range(0, rows, _ROWS))
+    return StatePart(header, rows, row_words, blocks)
+
+
+def _open(path: str | os.PathLike[str]) -> tuple[Any, str | None]:
+    """OpenImageIO's file at its state part, and the part's header; no header if there is no such file or part."""
+    import OpenImageIO as oiio
+
+    file = oiio.ImageInput.open(os.fspath(path))
+    header = file.spec().getattribute(_STATE) if file is not None and file.seek_subimage(1, 0) else None
+    if isinstance(header, str):
+        return file, header
+    oiio.geterror()  # else it is printed at the end
+    return file, None

@@ -82,6 +82,21 @@ def test_a_picture_without_guides_is_denoised_with_a_warning(tmp_path, capsys):
     assert np.load(tmp_path / "b.npy").std() < 0.5 * noisy.std()
 
 
+@pytest.mark.parametrize("output", ["a.exr", "b.exr"])
+def test_a_denoised_file_can_be_continued(output, tmp_path, monkeypatch, capsys):
+    """Also by a stand-in for the denoiser."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(denoise, "denoised", lambda image, *guides: image / 2)
+    monkeypatch.setattr(denoise, "require_denoiser", lambda: None)
+    options = [SCENE, "--size", "16x12", "-q"]
+    assert main(["render", *options, "--spp", "2", "--checkpoint", "1h", "-o", "a.exr"]) == 0
+    assert main(["denoise", "a.exr", "-o", output]) == 0
+    assert "denoised.R" in read_exr(output).planes
+    assert main(["render", *options, "--spp", "4", "--resume", "-o", output]) == 0
+    assert main(["render", *options, "--spp", "4", "-o", "whole.exr"]) == 0
+    np.testing.assert_array_equal(read_exr(output).pixels, read_exr("whole.exr").pixels)
+
+
 def test_guides_of_a_file_are_those_for_denoising_if_it_has_them():
     plane = {name: np.full((2, 2), value, np.float32) for value, name in enumerate(("first", "second"))}
     surface = {f"albedo.{c}": plane["first"] for c in "RGB"} | {f"N.{c}": plane["first"] for c in "XYZ"}
