@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench import bias, build, cost, error, growth, numerics, peers_embree, peers_mitsuba, rays, report, start
+from bench.generated import GENERATORS, generated
 from bench.report import Outcome
 from bench.scenes import ERROR_SCENES
 from pyrt.device import choose_device
@@ -76,6 +77,15 @@ def _peers() -> str:
     return ", ".join(version or f"no {name}" for name, version in found.items())
 
 
+def _scene_name(text: str) -> str:
+    try:
+        if text not in ERROR_SCENES:
+            generated(text)
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from problem
+    return text
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m bench", description="Where pyrt stands, peers beside it.")
     parser.add_argument("part", nargs="?", choices=PARTS, help="one part (default: all)")
@@ -87,9 +97,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--scene",
         action="append",
-        choices=tuple(ERROR_SCENES),
+        type=_scene_name,
         metavar="NAME",
-        help=f"error: only this one; may be repeated ({', '.join(ERROR_SCENES)})",
+        help=f"error: only this one; may be repeated ({', '.join(ERROR_SCENES)}; with a seed: {', '.join(GENERATORS)})",
     )
     parser.add_argument("--size", type=int, metavar="N", help="error: pictures of N×N pixels")
     parser.add_argument("--reference-spp", type=int, metavar="N", help="error: samples of the reference")

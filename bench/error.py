@@ -7,7 +7,7 @@ import pickle
 import statistics
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 import pyrt
 from bench import error_tables, peers_mitsuba, report
+from bench.generated import unseen
 from bench.measure import DARK, error, geometric_mean, interleaved, paired_ratio, seconds_to, squared_errors
 from bench.report import Outcome
-from bench.scenes import ERROR_SCENES, QUICK_SCENES
+from bench.scenes import ERROR_SCENES, QUICK_SCENES, error_scene
 from pyrt.scene import Scene
 
 UNIFORM, ADAPTIVE = "pyrt", "pyrt --noise"
@@ -46,7 +47,7 @@ class Settings:
     size: int = 256
     repeats: int = 5
     reference_spp: int = 1 << 14
-    scenes: tuple[str, ...] = tuple(ERROR_SCENES)
+    scenes: tuple[str, ...] = field(default_factory=lambda: (*ERROR_SCENES, *unseen()))
     max_spp: int = 576
     device: str | None = None
 
@@ -95,7 +96,7 @@ def run(settings: Settings, out: Path) -> Outcome:
 def _measure(name: str, settings: Settings, out: Path) -> dict[str, Any]:
     """Everything about one scene, as plain data."""
     print(f"error: {name}", file=sys.stderr)
-    scene, size = ERROR_SCENES[name](), (settings.size, settings.size)
+    scene, size = error_scene(name), (settings.size, settings.size)
     ours = pyrt.Renderer(scene, settings.device)
     halves = _reference(name, scene, ours, size, settings.reference_spp, out)
     contestants = _ours(ours, size, settings.max_spp)

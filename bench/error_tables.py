@@ -6,13 +6,14 @@ import statistics
 from collections.abc import Mapping
 from typing import Any
 
-from bench.measure import geometric_mean
+from bench.measure import geometric_mean, seconds_to
 from bench.report import Table, number
 
 
 def tables(measured: Mapping[str, Any], how: str) -> tuple[Table, ...]:
     """All tables that have rows; `how` is a note on the settings."""
-    made = (_targets(measured, how), _ladders(measured), _noise(measured), _stages(measured), _bias(measured))
+    parts = (_samples, _ladders, _noise, _stages, _bias)
+    made = (_targets(measured, how), *(part(measured) for part in parts))
     return tuple(table for table in made if table.rows)
 
 
@@ -36,6 +37,20 @@ def _targets(measured: Mapping[str, Any], how: str) -> Table:
         notes.insert(0, f"Geometric mean: pyrt is {mean} times as fast; least {least}.")
     columns = ("scene", "peer spp", "relMSE", "pyrt s", "Mitsuba s", "times faster")
     return Table("Time to an error", columns, tuple(rows), tuple(notes))
+
+
+def _samples(measured: Mapping[str, Any]) -> Table:
+    rows = []
+    for name, data in measured.items():
+        adaptive = [rung for rung in data["rungs"] if rung["stated"] is not None]
+        errors, samples = ([rung[key] for rung in adaptive] for key in ("relmse", "spp"))
+        for rung in data["rungs"]:
+            if rung["contestant"] == "pyrt" and rung["setting"] in {row["spp"] for row in data["targets"]}:
+                needed = seconds_to(rung["relmse"], errors, samples)
+                fewer = rung["spp"] / needed if needed else None
+                rows.append((name, str(int(rung["spp"])), number(rung["relmse"], 2), number(needed), number(fewer)))
+    notes = ("Samples per pixel of pyrt --noise to the relMSE that pyrt reaches with the same number for every pixel.",)
+    return Table("Samples to an error", ("scene", "spp", "relMSE", "--noise spp", "times fewer"), tuple(rows), notes)
 
 
 def _ladders(measured: Mapping[str, Any]) -> Table:

@@ -6,17 +6,16 @@ import json
 import math
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.generated import FOLDER, clutter, generated
 from pyrt import load_scene, procedural
 from pyrt.geometry import gather_triangles
 from pyrt.scene import Scene
 
-FOLDER = Path(__file__).parent.parent / "scenes"
 MILLION = {"objects.5.subdivisions": 8}  # of the mesh room: 1,310,720 triangles
 
 
@@ -29,39 +28,6 @@ def without_disc(name: str) -> Scene:
     raw = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     raw["objects"] = [item for item in raw["objects"] if item.get("material_name") != "glass"]
     del raw["materials"]["glass"]
-    return load_scene(raw, base_dir=FOLDER)
-
-
-def clutter(seed: int) -> Scene:
-    """The Cornell room with things in it that nobody chose: boards and balls, and lamps of three kinds."""
-    random = np.random.default_rng(seed)
-    raw = json.loads((FOLDER / "cornell.json").read_text(encoding="utf-8"))
-    raw["integrator"] = {"type": "direct", "spp": 32}
-    colors = ["red_diffuse", "green_diffuse", "grey_diffuse"]
-    for _ in range(24):
-        center = random.uniform((-0.9, 0.1, -0.9), (0.9, 1.5, 0.7)).tolist()
-        edges = random.normal(size=(2, 3)) * 0.2
-        board = {"type": "rectangle", "edge1": edges[0].tolist(), "edge2": edges[1].tolist()}
-        ball = {"type": "icosphere", "radius": float(random.uniform(0.03, 0.2)), "subdivisions": 3, "smooth": True}
-        raw["objects"].append(
-            {
-                **(board if random.random() < 0.5 else ball),
-                "center": center,
-                "material_name": colors[random.integers(3)],
-            }
-        )
-    lamps = [([-0.5, 1.95, 0.2], 0.5, [20, 16, 12]), ([0.6, 1.9, -0.4], 0.2, [20, 30, 60])]
-    for center, side, radiance in lamps:
-        raw["objects"].append(
-            {
-                "type": "rectangle",
-                "center": center,
-                "edge1": [side, 0, 0],
-                "edge2": [0, 0, side],
-                "light": {"radiance": radiance},
-            }
-        )
-    raw["lights"] = [{"type": "point", "position": [0.1, 1.7, 0.9], "flux": [9, 9, 9]}]
     return load_scene(raw, base_dir=FOLDER)
 
 
@@ -79,6 +45,15 @@ ERROR_SCENES: dict[str, Callable[[], Scene]] = {
     "cornell two lights": partial(shipped, "cornell_two_lights"),
 }
 QUICK_SCENES = ("cornell", "area light room", "mesh room")
+
+
+def error_scene(name: str) -> Scene:
+    """One of `ERROR_SCENES`, or a generated one with its seed ("garden 1234").
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    return ERROR_SCENES[name]() if name in ERROR_SCENES else generated(name)
 
 
 def soup(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
