@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,18 +27,23 @@ def transformed(mesh: MeshData, matrix: ArrayLike) -> MeshData:
 
     A mirroring matrix also swaps two corners of each triangle, so that the outside of a closed mesh stays its front.
     """
-    matrix = np.asarray(matrix, np.float64)
-    linear = matrix[:3, :3]
-    order = _FLIP if np.linalg.det(linear) < 0 else [0, 1, 2]
-    normals = mesh.normals
-    if normals is not None:
-        normals = unit_vectors(_apply(np.linalg.inv(linear).T, normals[:, order].astype(np.float64))).astype(np.float32)
-    return mesh._replace(
-        vertices=_apply(linear, mesh.vertices) + matrix[:3, 3],
-        triangles=mesh.triangles[:, order],
-        uvs=None if mesh.uvs is None else mesh.uvs[:, order],
-        normals=normals,
-    )
+    return instances(mesh, np.asarray(matrix, np.float64)[None])[0]
+
+
+def instances(mesh: MeshData, matrices: NDArray[np.float64]) -> list[MeshData]:
+    """The mesh under each of (k, 4, 4) matrices, as `transformed` makes it. They share what they have in common."""
+    linear = matrices[:, :3, :3]
+    vertices = _apply(linear[:, None], mesh.vertices) + matrices[:, None, :3, 3]
+    mirrored = np.linalg.det(linear) < 0
+    swapped = mesh._replace(triangles=mesh.triangles[:, _FLIP], uvs=None if mesh.uvs is None else mesh.uvs[:, _FLIP])
+    normals: Iterable[NDArray[np.float32] | None] = [None] * len(matrices)
+    if mesh.normals is not None:
+        across = np.asarray(np.linalg.inv(linear).transpose(0, 2, 1), np.float64)
+        turned = unit_vectors(_apply(across[:, None, None], mesh.normals.astype(np.float64))).astype(np.float32)
+        turned[mirrored] = turned[mirrored][:, :, _FLIP]
+        normals = turned
+    each = zip(mirrored, vertices, normals, strict=True)
+    return [(swapped if flip else mesh)._replace(vertices=v, normals=n) for flip, v, n in each]
 
 
 def joined(parts: list[MeshData]) -> MeshData:
@@ -69,8 +74,8 @@ def _joined_corners(
 
 
 def _apply(linear: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) times each of (..., 3). By elementwise operations, so that equal vectors give equal bits, unlike BLAS."""
-    x, y, z = linear.T
+    """(..., 3, 3) times (..., 3). By elementwise operations, so that equal vectors give equal bits, unlike BLAS."""
+    x, y, z = linear[..., 0], linear[..., 1], linear[..., 2]
     result: NDArray[np.float64] = vectors[..., :1] * x + vectors[..., 1:2] * y + vectors[..., 2:] * z
     return result
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pyrt.schema import SceneModel, json_schema
+from pyrt.schema import ObjectModel, SceneModel, json_schema
 
 Location = tuple[int | str, ...]
 
@@ -21,22 +21,35 @@ _MAX_QUOTE = 60
 _MAX_NAMES = 10
 
 
-def validate(raw: dict[str, Any]) -> tuple[SceneModel, list[int], list[str]]:
-    """Validates a parsed scene file.
+def validate(raw: dict[str, Any]) -> tuple[SceneModel, list[str]]:
+    """Validates a parsed scene file, but not its objects, which may be many: see `validate_objects`.
 
     Returns:
-        What is valid of the scene, whole sections or entries; for each of its objects the index in the file; and one
-        sentence per problem, each starting with its JSON path.
+        What is valid of it, whole sections or entries; and one sentence per problem, each starting with its JSON path.
     """
+    model, _, problems = _validated({**raw, "objects": []} if isinstance(raw.get("objects"), list) else raw)
+    return model, problems
+
+
+def validate_objects(entries: list[Any], first: int = 0) -> tuple[list[tuple[int, ObjectModel]], list[str]]:
+    """Validates a part of the list of objects, from the index `first` on. Returns the valid ones with their indices,
+    and the problems."""
+    model, broken, problems = _validated({"objects": entries}, first)
+    indices = (i for i in range(len(entries)) if ("objects", i) not in broken)
+    return [(first + i, shape) for i, shape in zip(indices, model.objects, strict=True)], problems
+
+
+def _validated(raw: dict[str, Any], first: int = 0) -> tuple[SceneModel, set[Location], list[str]]:
+    """What is valid, the places of what is not, and the problems; `first`: index of the first object."""
     try:
-        model = SceneModel.model_validate(raw)
-        return model, list(range(len(model.objects))), []
-    except ValidationError as error:
-        errors = error.errors(include_url=False)
-    broken = {e["loc"][: 2 if e["loc"][0] in CONTAINERS else 1] for e in errors}
-    valid = _without(raw, broken)
-    indices = [i for i in range(len(raw["objects"])) if ("objects", i) not in broken] if valid["objects"] else []
-    return SceneModel.model_validate(valid), indices, [_sentence(e) for e in errors]
+        return SceneModel.model_validate(raw), set(), []
+    except ValidationError as invalid:
+        errors = invalid.errors(include_url=False)
+    broken: set[Location] = {e["loc"][: 2 if e["loc"][0] in CONTAINERS else 1] for e in errors}
+    for error in errors:
+        if first and error["loc"][0] == "objects":
+            error["loc"] = ("objects", first + int(error["loc"][1]), *error["loc"][2:])
+    return SceneModel.model_validate(_without(raw, broken)), broken, [_sentence(e) for e in errors]
 
 
 def quote(value: Any) -> str:

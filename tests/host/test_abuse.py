@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from pyrt import scene_io
+from pyrt import loading, scene_io
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.image_io import read_picture
 from pyrt.mesh_io import load_mesh
@@ -73,7 +73,7 @@ def test_polygons_of_a_thousand_sizes(tmp_path):
 
 
 def test_objects_that_memory_cannot_hold_are_not_made(monkeypatch):
-    monkeypatch.setattr(scene_io, "available", lambda: 1e9)
+    monkeypatch.setattr(loading, "available", lambda: 1e9)
     with pytest.raises(PyrtError, match=r"objects\[1\]: 5,242,880 triangles, memory has room for 4,757,120 more"):
         scene_io.load_scene({"objects": [BALL, BALL]})
 

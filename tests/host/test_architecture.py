@@ -34,8 +34,8 @@ guide
 passes doctor
 device_sah
 device pack scene_io partial_file
-pack_lights tree scene_json camera rays hit_lists
-model_io
+pack_lights tree scene_json scene_objects camera rays hit_lists
+model_io loading
 gltf_scene
 mesh_io studio model smooth
 gltf_mesh

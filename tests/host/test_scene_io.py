@@ -218,7 +218,7 @@ def test_each_file_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -
         read.append(os.path.basename(path))
         return load_mesh(path)
 
-    monkeypatch.setattr("pyrt.scene_io.load_mesh", counted)
+    monkeypatch.setattr("pyrt.scene_objects.load_mesh", counted)
     description = mesh_scene()
     description["objects"] += [{**description["objects"][0], "path": "../scenes/left.obj", "translate": [1, 0, 0]}]
     assert len(load_scene(description, base_dir=folder).shapes) == 2
