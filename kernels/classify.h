@@ -101,6 +101,22 @@ static bool light_is_hidden(const Scene *scene, const float3 *footprint, const g
     return false;
 }
 
+/* Whether the footprint shows the inner or the outer end of a point light's cone, where it is not smooth: unit vectors to it
+ * lie at most `radius` from `middle`. */
+INLINE bool cone_ends_in(const float3 *footprint, const global Light *light)
+{
+    float3 position = load3(light->position), sum = (float3)(0.0f);
+    for (int i = 0; i < 4; ++i)
+        sum += normalize3(footprint[i] - position);
+    float3 middle = normalize3(sum);
+    float radius = 0.0f;
+    for (int i = 0; i < 4; ++i)
+        radius = max1(radius, length(normalize3(footprint[i] - position) - middle));
+    float away = length(middle - load3(light->n));
+    float inner = sqrt(light->cone_inner), outer = sqrt(light->cone_inner + 1.0f / light->cone_slope);
+    return abs1(away - inner) <= radius || abs1(away - outer) <= radius;
+}
+
 /* What stands between a flat footprint and a light: nothing or everything (plain), or perhaps something. */
 static uchar classify_light(const Scene *scene, const float3 *footprint, float3 n, float pad, int i, const global Candidates *shaft)
 {
@@ -111,6 +127,8 @@ static uchar classify_light(const Scene *scene, const float3 *footprint, float3 
     float3 middle = 0.5f * (target.low + target.high), half_size = 0.5f * (target.high - target.low);
     if (dot3(n, middle - footprint[0]) + dot3(abs3(n), half_size) <= pad)
         return PIXEL_PLAIN; /* below the horizon */
+    if (HAS_SPOT_LIGHTS && light->cone_slope > 0.0f && cone_ends_in(footprint, light))
+        return PIXEL_PENUMBRA;
     if (shaft->count <= 0)
         return shaft->count < 0 ? PIXEL_UNKNOWN : PIXEL_PLAIN;
     Box from = box_empty();

@@ -35,13 +35,25 @@ INLINE Real receiver_cosine(const Surface *si, Vec wi)
     return dot3(si->ng, wi) > 0.0f ? max1(dot3(si->n, wi), (Real)(0.0f)) : 0.0f;
 }
 
+/* How much of its intensity a point light sends along -wi: fades with the cosine's square between two angles from its axis
+ * (KHR_lights_punctual). Squared distances of unit vectors are 2 - 2 cos, with digits for narrow cones too. */
+INLINE Real cone_falloff(const global Light *light, Vec wi)
+{
+    Vec off = add3(wi, vec_load(light->n));
+    Real share = 1.0f - (dot3(off, off) - light->cone_inner) * light->cone_slope;
+    share = min1(max1(share, (Real)(0.0f)), (Real)(1.0f));
+    return share * share;
+}
+
 INLINE LightSample point_sample(const global Light *light, const Surface *si)
 {
     LightSample s = light_sample_none(light);
     s.q = vec_load(light->position);
     Vec to = sub3(s.q, si->p);
     Real inv_r2 = 1.0f / dot3(to, to);
-    s.irradiance = light_irradiance(light, receiver_cosine(si, scale3(to, sqrt1(inv_r2))) * inv_r2);
+    Vec wi = scale3(to, sqrt1(inv_r2));
+    Real share = HAS_SPOT_LIGHTS ? cone_falloff(light, wi) : (Real)(1.0f);
+    s.irradiance = light_irradiance(light, receiver_cosine(si, wi) * inv_r2 * share);
     return s;
 }
 

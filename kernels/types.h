@@ -137,10 +137,10 @@ typedef struct {
     float radius;
     float edge2[3];
     float offset; /* bound on the rounding error of a sampled point along the normal */
-    float n[3];
-    int unused;
+    float n[3];       /* of the rectangle; point: the axis of its cone */
+    float cone_inner; /* point: squared distance of unit vectors from the axis where it begins to fade, 0 without a cone */
     float emission[3]; /* point: intensity, in normalised units; area: radiance */
-    int unused2;
+    float cone_slope;  /* point: how fast it fades with that squared distance */
 } Light;
 
 /* The ray through film position (x, y), in pixels from the upper-left corner, starts at origin + x * origin_dx + y * origin_dy

@@ -21,6 +21,7 @@ from pyrt.scene import (
     Scene,
     Shape,
     Sphere,
+    SpotLight,
 )
 
 
@@ -81,6 +82,7 @@ def feature_table(scene: Scene) -> list[Feature]:
         Feature("HAS_SPECULAR", "paths through specular surfaces", "specular materials", specular),
         Feature("HAS_REFRACTION", "perfect refraction", "refraction materials", _count(materials, Refraction)),
         Feature("HAS_DIELECTRIC", "Fresnel reflection", "dielectric materials", _count(materials, Dielectric)),
+        Feature("HAS_SPOT_LIGHTS", "cones of point lights", "spot lights", _count(scene.lights, SpotLight)),
         Feature("HAS_AREA_LIGHTS", "emission at hit points", "area lights", len(lights)),
         Feature("HAS_RECTANGLE_LIGHTS", "rectangle sampling", "rectangle lights", _count(lights, Rectangle)),
         Feature("HAS_MESH_LIGHTS", "emitting-triangle sampling", "mesh lights", _count(lights, Mesh)),

@@ -18,11 +18,12 @@ from pyrt.geometry import (
     unit,
 )
 from pyrt.layout import constants, dtypes
-from pyrt.scene import PointLight, Rectangle, Scene, Sphere
+from pyrt.scene import PointLight, Rectangle, Scene, Sphere, SpotLight
 
 # Extents to the scene. A point light beyond is moved in to this distance and dimmed, so that the light in the scene is
 # the same to float32's precision, and no square of a distance overflows.
 _FARTHEST = 2.0**24
+_STEEPEST = 1e30  # fall of a cone, finite in float32
 
 
 def pack_lights(
@@ -57,13 +58,20 @@ def _light_row(kind: str, first: int, count: int) -> NDArray[Any]:
     return row
 
 
-def _point_light(light: PointLight, space: Normalisation) -> NDArray[Any]:
+def _point_light(light: PointLight | SpotLight, space: Normalisation) -> NDArray[Any]:
     row = _light_row("LIGHT_POINT", 0, 0)
+    if isinstance(light, SpotLight):
+        inner, outer = (4 * np.sin(np.radians(angle) / 2) ** 2 for angle in (light.inner, light.outer))
+        row["n"], row["cone_inner"] = light.direction, inner
+        row["cone_slope"] = min(1 / max(outer - inner, 1e-300), _STEEPEST)
+        power = np.asarray(light.intensity)
+    else:
+        power = np.asarray(light.flux) / (4 * np.pi)
     position = space.apply(np.asarray(light.position))
     nearer = min(1.0, _FARTHEST / max(float(np.abs(position).max()), 1.0))
     row["position"] = position * nearer
     with np.errstate(over="ignore"):
-        intensity = np.asarray(light.flux) / (4 * np.pi) * (space.scale * nearer) * (space.scale * nearer)
+        intensity = power * (space.scale * nearer) * (space.scale * nearer)
     row["emission"] = np.minimum(intensity, np.finfo(np.float32).max)
     return row
 

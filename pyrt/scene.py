@@ -141,6 +141,19 @@ class PointLight:
 
 
 @dataclass(frozen=True)
+class SpotLight:
+    """A point that shines along `direction`, a unit vector: `intensity` watts per steradian and channel up to the angle
+    `inner` from it, in degrees, nothing from `outer` on, and ((cos θ − cos outer) / (cos inner − cos outer))² of it
+    between."""
+
+    position: Vec3
+    direction: Vec3
+    intensity: Vec3
+    inner: float
+    outer: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """A complete scene. `spp` and `max_depth` are the file's defaults for rendering."""
 
@@ -149,7 +162,7 @@ class Scene:
     textures: tuple[Texture, ...] = ()
     materials: tuple[Material, ...] = ()
     shapes: tuple[Shape, ...] = ()
-    lights: tuple[PointLight, ...] = ()
+    lights: tuple[PointLight | SpotLight, ...] = ()
     spp: int = 32
     max_depth: int = 16
     name: str = "scene"

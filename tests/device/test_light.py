@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pyrt.layout import constants, dtypes
+from pyrt.pack import pack_scene
+from pyrt.scene import Scene, SpotLight
 from tests.device.probe import evaluate, sobol_points
 from tests.reference import analytic
 from tests.reference.analytic import Array, dot, unit
@@ -106,6 +108,27 @@ def test_point_light_is_the_inverse_square_law(distance):
     assert (found >= 0).all()
     clear = truth * dot(to, to) > 0.1  # nearer to the horizon the rounding of the normal counts for more
     assert np.abs(found[clear] / truth[clear] - 1).max() < 2e-6
+
+
+@pytest.mark.parametrize("inner", [0, 0.5, 0.99])
+@pytest.mark.parametrize("outer", [0.01, 1, 30, 90])
+def test_spot_light_fades_between_its_angles(inner, outer):
+    """((cos − cos outer) / (cos inner − cos outer))² by its angles in float64, up to the rounding of directions."""
+    rng = np.random.default_rng(0)
+    inner *= outer
+    angles = np.concatenate([[0, inner, outer, 180], rng.uniform(0, min(1.5 * outer, 180), 2000)])
+    axis, sideways = np.array([0.6, 0, 0.8]), np.array([0.8, 0, -0.6])
+    to = np.cos(np.radians(angles))[:, None] * -axis + np.sin(np.radians(angles))[:, None] * -sideways
+    light = SpotLight((0, 0, 0), tuple(axis), (1, 1, 1), inner, outer)
+    rows = pack_scene(Scene(lights=(light,))).arrays["lights"]
+    found = sample("point", {"light": rows}, -to, to, np.zeros((1, 2)))["irradiance"][:, 0]
+    versine, versine_inner, versine_outer = (2 * np.sin(np.radians(a) / 2) ** 2 for a in (angles, inner, outer))
+    truth = np.clip((versine_outer - versine) / (versine_outer - versine_inner), 0, 1) ** 2
+    rounding = 1e-6 + 8e-7 / np.radians(outer) / (1 - (inner / outer) ** 2)
+    np.testing.assert_allclose(found, truth, rtol=0, atol=rounding)
+    assert rounding < 0.25
+    assert (found == 0).any()
+    assert found.max() > 0.99
 
 
 # Rectangles -----------------------------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from pyrt.scene import (
     Scene,
     Shape,
     Sphere,
+    SpotLight,
 )
 
 GREY = ConstantTexture((0.5, 0.5, 0.5))
@@ -57,6 +58,7 @@ def with_shape(shape: Shape) -> Scene:
         (replace(PLAIN, textures=(BOARD,), shapes=(replace(TRIANGLE, uvs=UVS),)), {"textures", "corners"}),
         (replace(PLAIN, materials=(Refraction(1.5),)), {"specular", "refraction"}),
         (replace(PLAIN, materials=(Dielectric(),)), {"specular", "dielectric"}),
+        (replace(PLAIN, lights=(SpotLight((0, 0, 1), (0, 0, -1), LIGHT, 0, 45),)), {"spot_lights"}),
         (with_shape(replace(WALL, radiance=LIGHT)), {"area_lights", "rectangle_lights"}),
         (with_shape(replace(TRIANGLE, radiance=LIGHT)), {"area_lights", "mesh_lights"}),
         (with_shape(replace(BALL, radiance=LIGHT)), {"spheres", "area_lights", "sphere_lights"}),

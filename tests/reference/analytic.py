@@ -11,6 +11,8 @@ import itertools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyrt.scene import SpotLight
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -38,6 +40,15 @@ def point_irradiance(points: Array, normals: Array, position: ArrayLike, flux: A
     r2 = dot(to_light, to_light)
     cosine = np.maximum(0.0, dot(normals, to_light)) / np.sqrt(r2)
     return np.asarray((cosine / (4 * np.pi * r2))[..., None] * np.asarray(flux, float))
+
+
+def spot_irradiance(points: Array, normals: Array, light: SpotLight) -> Array:
+    """(n, 3) irradiance of a spot light: a point light's, faded by ((cos θ − cos outer) / (cos inner − cos outer))²."""
+    inner, outer = np.cos(np.radians([light.inner, light.outer]))
+    away = unit(points - np.asarray(light.position, float))
+    share = np.clip((dot(away, np.array(light.direction)) - outer) / (inner - outer), 0, 1) ** 2
+    flux = 4 * np.pi * np.array(light.intensity)
+    return share[:, None] * point_irradiance(points, normals, light.position, flux)
 
 
 def sphere_irradiance(points: Array, normals: Array, center: ArrayLike, radius: float) -> Array:

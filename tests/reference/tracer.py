@@ -21,10 +21,11 @@ from pyrt.scene import (
     Refraction,
     Scene,
     Sphere,
+    SpotLight,
     Texture,
 )
 
-from .analytic import Array, Indices, dot, fresnel, point_irradiance, refract, unit, visible_irradiance
+from .analytic import Array, Indices, dot, fresnel, point_irradiance, refract, spot_irradiance, unit, visible_irradiance
 from .geometry import Geometry, Hits, build, closest, occluded
 from .statistics import Estimate
 
@@ -197,7 +198,11 @@ def _irradiance(world: World, at: Receivers) -> Array:
     for light in world.scene.lights:
         ends = np.broadcast_to(np.array(light.position, float), at.points.shape)
         lit = (dot(ends - at.points, at.normals) > 0) & ~occluded(world.geometry, at.points, ends)
-        total += lit[:, None] * point_irradiance(at.points, at.shading, light.position, light.flux)
+        if isinstance(light, SpotLight):
+            arriving = spot_irradiance(at.points, at.shading, light)
+        else:
+            arriving = point_irradiance(at.points, at.shading, light.position, light.flux)
+        total += lit[:, None] * arriving
     for index, shape in enumerate(world.scene.shapes):
         if shape.radiance is not None:
             total += _area_irradiance(world, at, index)[:, None] * np.array(shape.radiance)

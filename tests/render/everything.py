@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import pyrt
-from pyrt.scene import ImageTexture, Mesh, Scene
+from pyrt.scene import ImageTexture, Mesh, Scene, SpotLight
 
 SIZE = (40, 24)
 
@@ -46,7 +46,14 @@ def everything() -> Scene:
     wall = replace(scene.shapes[1], material=len(scene.materials))
     material = replace(scene.materials[0], texture=len(scene.textures))
     shapes = (scene.shapes[0], wall, *scene.shapes[2:])
-    return replace(scene, shapes=shapes, textures=(*scene.textures, image), materials=(*scene.materials, material))
+    spot = SpotLight((-1.0, 4.0, 3.0), (0.0, -0.8, -0.6), (9.0, 9.0, 2.0), inner=5.0, outer=20.0)
+    return replace(
+        scene,
+        shapes=shapes,
+        textures=(*scene.textures, image),
+        materials=(*scene.materials, material),
+        lights=(*scene.lights, spot),
+    )
 
 
 def shuffled(scene: Scene, seed: int) -> Scene:

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyrt.scene import Camera, ConstantTexture, Diffuse, Mesh, PointLight, Rectangle, Scene, Sphere
+from pyrt.scene import Camera, ConstantTexture, Diffuse, Mesh, PointLight, Rectangle, Scene, Sphere, SpotLight
 from tests.reference import analytic
-from tests.reference.analytic import Array
+from tests.reference.analytic import Array, unit
 from tests.reference.rendering import ALBEDO, assert_renders, make_scene, replicates
 from tests.reference.statistics import replicate
 from tests.reference.tracer import pixel_average
@@ -52,6 +52,15 @@ def test_point_light_on_a_plane(height):
     floor = replace(FLOOR, edge1=(40 * height, 0, 0), edge2=(0, 40 * height, 0))
     truth = floor_image(lambda p, n: analytic.point_irradiance(p, n, light.position, light.flux), camera)
     assert_renders(make_scene(floor, camera=camera, lights=(light,)), truth, spp=1024, bias=2e-6)
+
+
+def test_spot_light_on_a_plane():
+    """Its rim lies in the picture, and all that it lights is nearer to the axis than 25 degrees."""
+    axis = unit(np.array([-0.2, -0.4, -1.5]))
+    light = SpotLight(BULB.position, tuple(axis), (5.0, 6.0, 7.0), inner=5, outer=25)
+    truth = floor_image(lambda p, n: analytic.spot_irradiance(p, n, light), order=64)
+    assert (truth == 0).any()
+    assert_renders(make_scene(FLOOR, camera=CAMERA, lights=(light,)), truth, spp=1024)
 
 
 def test_point_light_far_from_the_origin():
