@@ -125,7 +125,7 @@ INLINE Box beam_receivers(const Scene *scene, const Beam *beam, const global Can
 }
 
 /* Candidates of the beam at out[0] and of its shaft to light i at out[1 + i]. */
-INLINE void beam_trace(const Scene *scene, const Beam *beam, int shaft_lights, global Candidates *out)
+NO_INLINE void beam_trace(const Scene *scene, const Beam *beam, int shaft_lights, global Candidates *out)
 {
     for (int i = 0; i <= shaft_lights; ++i)
         out[i].count = -1;

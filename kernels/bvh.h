@@ -157,27 +157,17 @@ INLINE bool bvh_hit(const Scene *scene, const Ray *ray, bool any, Hit *hit)
     return ray_prepare(ray, &shear, hit) && bvh_walk(scene, scene->params->root, ray, &shear, any, hit);
 }
 
-/* As bvh_hit for each of the lanes; returns those that hit. */
-INLINE uint bvh_hits_apart(const Scene *scene, const Rays *rays, uint lanes, bool any, Hits *hits)
-{
-    uint found = 0u;
-    for (; lanes != 0u; lanes &= lanes - 1u) {
-        int lane = lowest_bit(lanes);
-        Ray ray = ray_lane(rays, lane);
-        Hit hit;
-        if (!bvh_hit(scene, &ray, any, &hit))
-            continue;
-        found |= 1u << lane;
-        hit_set(hits, lane, &hit);
-    }
-    return found;
-}
-
 #if PACKET == 1
 
+/* As bvh_hit for each of the lanes; returns those that hit. */
 INLINE uint bvh_hits(const Scene *scene, const Rays *rays, uint lanes, bool any, Hits *hits)
 {
-    return bvh_hits_apart(scene, rays, lanes, any, hits);
+    Ray ray = ray_lane(rays, 0);
+    Hit hit;
+    if (lanes == 0u || !bvh_hit(scene, &ray, any, &hit))
+        return 0u;
+    hit_set(hits, 0, &hit);
+    return 1u;
 }
 
 #else
@@ -320,13 +310,21 @@ INLINE uint lane_walks(const Scene *scene, int current, int lane, bool any, Quer
     return 1u << lane;
 }
 
-/* The rays of a packet mostly run together: then one traversal serves all. */
-INLINE uint bvh_hits_together(const Scene *scene, const Rays *rays, const SlabRays *slabs, uint lanes, bool any, Hits *hits)
+#define LANES_TOGETHER 3 /* from so many on one traversal is cheaper than several */
+
+/* As bvh_hit for each of the lanes; returns those that hit. The rays of a packet mostly run together: then one traversal serves
+ * all. Else each starts at the root alone, and stays so. */
+NO_INLINE uint bvh_hits(const Scene *scene, const Rays *rays, uint lanes, bool any, Hits *hits)
 {
+    Vec sum = add3(rays->o, rays->d);
+    lanes &= lanes_of(abs1(sum.x) + abs1(sum.y) + abs1(sum.z) < INFINITY); /* others miss, and would spoil the intervals */
+    SlabRays slabs;
+    bool together = popcount(lanes) >= LANES_TOGETHER && slab_rays_from(scene, rays, lanes, &slabs);
     Query query;
     LaneStack stack;
     uint active = 0u, found = 0u;
     query.t_max = (Real)(0.0f);
+    stack.top = 0;
     for (; lanes != 0u; lanes &= lanes - 1u) {
         int lane = lowest_bit(lanes);
         query.ray[lane] = ray_lane(rays, lane);
@@ -334,12 +332,13 @@ INLINE uint bvh_hits_together(const Scene *scene, const Rays *rays, const SlabRa
             continue;
         active |= 1u << lane;
         real_set(&query.t_max, lane, query.ray[lane].t_max);
+        if (together && stack.top > 0)
+            continue;
+        stack.child[stack.top] = scene->params->root;
+        stack.lanes[stack.top] = together ? ALL_LANES : 1u << lane;
+        stack.near[stack.top++] = 0.0f;
     }
     float farthest = lanes_max(query.t_max);
-    stack.child[0] = scene->params->root;
-    stack.lanes[0] = active;
-    stack.near[0] = 0.0f;
-    stack.top = active != 0u;
     while (stack.top > 0) {
         --stack.top;
         uint some = stack.lanes[stack.top] & active;
@@ -347,7 +346,7 @@ INLINE uint bvh_hits_together(const Scene *scene, const Rays *rays, const SlabRa
             continue;
         int current = stack.child[stack.top];
         if (current >= 0 && (some & (some - 1u)) != 0u) {
-            lane_stack_push(&stack, &scene->nodes[current], slabs, some, any, farthest, query.t_max);
+            lane_stack_push(&stack, &scene->nodes[current], &slabs, some, any, farthest, query.t_max);
             continue;
         }
         uint changed = current >= 0 ? lane_walks(scene, current, lowest_bit(some), any, &query)
@@ -361,18 +360,6 @@ INLINE uint bvh_hits_together(const Scene *scene, const Rays *rays, const SlabRa
     for (lanes = any ? 0u : found; lanes != 0u; lanes &= lanes - 1u)
         hit_set(hits, lowest_bit(lanes), &query.hit[lowest_bit(lanes)]);
     return found;
-}
-
-#define LANES_TOGETHER 3 /* from so many on one traversal is cheaper than several */
-
-INLINE uint bvh_hits(const Scene *scene, const Rays *rays, uint lanes, bool any, Hits *hits)
-{
-    Vec sum = add3(rays->o, rays->d);
-    lanes &= lanes_of(abs1(sum.x) + abs1(sum.y) + abs1(sum.z) < INFINITY); /* others miss, and would spoil the intervals */
-    SlabRays slabs;
-    if (popcount(lanes) >= LANES_TOGETHER && slab_rays_from(scene, rays, lanes, &slabs))
-        return bvh_hits_together(scene, rays, &slabs, lanes, any, hits);
-    return bvh_hits_apart(scene, rays, lanes, any, hits);
 }
 
 #endif

@@ -30,9 +30,9 @@ void trace_beams(const PassParams pass, constant SceneParams *params, const glob
 }
 
 /* Traces the samples g … g + PACKET - 1 of a pass that has `samples`. */
-static void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels, const global uint *places,
-                          const global Candidates *candidates, uint g, uint samples, global float *planes,
-                          Counters *counters)
+NO_INLINE void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels, const global uint *places,
+                             const global Candidates *candidates, uint g, uint samples, global float *planes,
+                             Counters *counters)
 {
     uint count = samples - g < PACKET ? samples - g : PACKET;
     size_t place[PACKET]; /* in a plane */

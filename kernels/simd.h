@@ -22,6 +22,9 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
+/* For the large ones: called twice, they are compiled once; and PoCL compiles what is inlined into a kernel three times. */
+#define NO_INLINE static __attribute__((noinline))
+
 #define NO_UNROLL _Pragma("unroll 1") /* where copies of a loop's body would cost more to compile than they save */
 
 /* Functions of one name for scalars and for packets (packet.h). */

@@ -147,7 +147,8 @@ INLINE uint triangles_hits_along(const global TriangleBlock *block, int count, i
 }
 
 /* As bvh_hit for each of the lanes, of a scene that is the first `count` triangles of the block; returns those that hit. */
-INLINE uint triangles_hits(const global TriangleBlock *block, int count, const Rays *rays, uint lanes, bool any, Hits *hits)
+NO_INLINE uint triangles_hits(const global TriangleBlock *block, int count, const Rays *rays, uint lanes, bool any,
+                              Hits *hits)
 {
     hits->t = rays->t_max;
     hits->id = (Int)(-1);
