@@ -9,7 +9,7 @@ import pytest
 
 import pyrt
 from bench import bias
-from pyrt.scene import Rectangle, Scene
+from pyrt.scene import PointLight, Rectangle, Scene
 from tests.reference.pictures import Pictures
 from tests.reference.statistics import Estimate, assert_agrees, gaussian, replicate, z_scores
 from tests.reference.tracer import reference_image
@@ -19,13 +19,14 @@ SIZE = 16
 SEEDS = 12
 
 
-def scene_of_rectangle_lights() -> Scene:
+def scene_of_points_and_rectangles() -> Scene:
     scene = everything()
     shapes = (shape for shape in scene.shapes if shape.radiance is None or isinstance(shape, Rectangle))
-    return replace(scene, shapes=tuple(shapes))
+    lights = (light for light in scene.lights if isinstance(light, PointLight))
+    return replace(scene, shapes=tuple(shapes), lights=tuple(lights))
 
 
-SCENE = scene_of_rectangle_lights()
+SCENE = scene_of_points_and_rectangles()
 
 
 @pytest.fixture(scope="module")
