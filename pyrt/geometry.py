@@ -64,35 +64,48 @@ def _rectangles_corners(rectangles: Sequence[Rectangle]) -> NDArray[np.float64]:
 
 def gather_triangles(scene: Scene) -> Triangles:
     """All triangles of meshes and rectangles; those that no ray can meet are dropped and counted."""
-    corners, shapes, sources = [np.empty((0, 3, 3))], [np.empty(0, np.int32)], [np.empty(0, np.int32)]
-    dropped = 0
-    for first, count, c in _runs(scene.shapes):
-        keep = np.flatnonzero(valid_triangles(c))
-        dropped += len(c) - len(keep)
-        shape, each = scene.shapes[first], max(len(c) // count, 1)
-        if isinstance(shape, Mesh) and shape.radiance is not None:
-            keep = keep[_canonical_order(c[keep])]
-        corners.append(c[keep])
-        shapes.append((first + keep // each).astype(np.int32))
-        sources.append((keep % each).astype(np.int32))
-    return Triangles(np.concatenate(corners), np.concatenate(shapes), np.concatenate(sources), dropped)
+    count = sum(_triangle_count(shape) for shape in scene.shapes)
+    corners, shapes, sources = np.empty((count, 3, 3)), np.empty(count, np.int32), np.empty(count, np.int32)
+    end = 0
+    for index, group in _runs(scene.shapes):
+        first, each = end, max(_triangle_count(group[0]), 1)
+        for start, part in _corner_parts(group):
+            keep = np.flatnonzero(valid_triangles(part))
+            kept = slice(end, end := end + len(keep))
+            corners[kept] = part[keep]
+            keep += start
+            shapes[kept], sources[kept] = index + keep // each, keep % each
+        if isinstance(group[0], Mesh) and group[0].radiance is not None:
+            order = _canonical_order(corners[first:end])
+            corners[first:end], sources[first:end] = corners[first:end][order], sources[first:end][order]
+    return Triangles(corners[:end], shapes[:end], sources[:end], count - end)
 
 
-def _runs(shapes: Sequence[Shape]) -> Iterator[tuple[int, int, NDArray[np.float64]]]:
-    """Shapes made of triangles: the index of the first, how many, and their corners (m, 3, 3), as many of each shape.
+def _triangle_count(shape: Shape) -> int:
+    return len(shape.triangles) if isinstance(shape, Mesh) else 2 * isinstance(shape, Rectangle)
 
-    A mesh alone, and rectangles with those that follow, since numpy takes as long for one as for a hundred.
-    """
+
+def _runs(shapes: Sequence[Shape]) -> Iterator[tuple[int, list[Shape]]]:
+    """Shapes made of triangles, and the index of the first: a mesh alone, and rectangles with those that follow, since
+    numpy takes as long for one as for a hundred."""
     start = 0
     for kind, group in groupby(shapes, type):
         run = list(group)
         if kind is Rectangle:
-            corners = _rectangles_corners([shape for shape in run if isinstance(shape, Rectangle)])
-            yield start, len(run), corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
-        for index, shape in enumerate(run, start):
-            if isinstance(shape, Mesh):
-                yield index, 1, shape.vertices[shape.triangles]
+            yield start, run
+        elif kind is Mesh:
+            yield from ((index, [mesh]) for index, mesh in enumerate(run, start))
         start += len(run)
+
+
+def _corner_parts(run: Sequence[Shape]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Corners (k, 3, 3) of the run's triangles in parts, and which is the first one's number in the run."""
+    if isinstance(run[0], Mesh):
+        for part in parts(len(run[0].triangles)):
+            yield part.start, run[0].vertices[run[0].triangles[part]]
+    else:
+        corners = _rectangles_corners([shape for shape in run if isinstance(shape, Rectangle)])
+        yield 0, corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
 
 
 def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -103,7 +116,7 @@ def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
 def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(m,) bool for (m, 3, 3) corners: finite, within the limit, and neither a line nor a point."""
     valid = np.empty(len(corners), np.bool_)
-    for part in _parts(len(corners)):
+    for part in parts(len(corners)):
         flat = np.ascontiguousarray(corners[part].reshape(-1, 9).T)
         with np.errstate(all="ignore"):  # NaN compares false
             e1, e2, n = _edges_and_normal(flat)
@@ -113,9 +126,9 @@ def valid_triangles(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     return valid
 
 
-def _parts(count: int) -> Iterator[slice]:
+def parts(count: int) -> Iterator[slice]:
     """Ranges of triangles whose arrays fit the cache."""
-    return (slice(first, first + _PART) for first in range(0, count, _PART))
+    return (slice(first, min(first + _PART, count)) for first in range(0, count, _PART))
 
 
 def _edges_and_normal(flat: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
@@ -144,7 +157,7 @@ def scaled_edges(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 def triangle_normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m, 3) unit normals of valid (m, 3, 3) triangles."""
     normals = np.empty((len(corners), 3))
-    for part in _parts(len(corners)):
+    for part in parts(len(corners)):
         _, _, n = _edges_and_normal(np.ascontiguousarray(corners[part].reshape(-1, 9).T))
         normals[part] = (n / np.sqrt(_square(n))).T
     return normals
@@ -152,8 +165,9 @@ def triangle_normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def extremes(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """The least and the greatest coordinates, (3,) each, of (n, 3) points, n >= 1."""
-    parts = [np.ascontiguousarray(points[part].T) for part in _parts(len(points))]
-    return np.min([part.min(axis=1) for part in parts], axis=0), np.max([part.max(axis=1) for part in parts], axis=0)
+    flat = (np.ascontiguousarray(points[part].T) for part in parts(len(points)))
+    low, high = zip(*((each.min(axis=1), each.max(axis=1)) for each in flat), strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
 
 
 def largest_coordinates(points: NDArray[Any]) -> NDArray[np.float64]:
@@ -181,15 +195,31 @@ def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normali
     return Normalisation(center, 2.0 ** -float(np.frexp(extent)[1]))
 
 
+@dataclass(frozen=True)
+class LocalTriangles:
+    """Normalised triangles: what is asked of all of them at once."""
+
+    corners: NDArray[np.float32]  # (m, 3, 3)
+    bound: NDArray[np.float64]  # (3,), the greatest |x|
+    largest_edge: float  # the greatest coordinate difference along an edge at v0
+
+
+def local_triangles(corners: NDArray[np.float64], space: Normalisation) -> LocalTriangles:
+    """Of (m, 3, 3) corners in world space."""
+    local = np.empty(corners.shape, np.float32)
+    bound, edge = np.zeros(3), 0.0
+    for part in parts(len(corners)):
+        moved = space.apply(corners[part])
+        local[part] = moved
+        bound = np.maximum(bound, largest_coordinates(moved.reshape(-1, 3)))
+        edge = max(edge, float(np.abs(moved[:, 1:] - moved[:, :1]).max()))
+    return LocalTriangles(local, bound, edge)
+
+
 def unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """v / |v| for a (3,) vector of any representable length but zero."""
     scaled = v / np.abs(v).max()
     return np.asarray(scaled / np.linalg.norm(scaled))
-
-
-def largest_edge(corners: NDArray[np.float64]) -> float:
-    """The largest coordinate difference along any edge at v0 of the (m, 3, 3) triangles."""
-    return float(np.abs(corners[:, 1:] - corners[:, :1]).max(initial=0.0))
 
 
 def rounding_offset(

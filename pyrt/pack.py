@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from pyrt.camera import film_plane
 from pyrt.features import has_corners, used_textures
 from pyrt.geometry import (
+    LocalTriangles,
     Normalisation,
     Triangles,
     gather_triangles,
-    largest_coordinates,
-    largest_edge,
+    local_triangles,
     normalisation,
+    parts,
     rounding_offset,
     sphere_offset,
     triangle_normals,
@@ -47,7 +48,7 @@ _ETA_RANGE = (2.0**-32, 2.0**32)
 
 @dataclass(frozen=True)
 class PackedScene:
-    """Device arrays by the name of the kernel argument, and what the host still needs to know."""
+    """Device arrays by the name of the kernel argument, in their order, and what the host still needs to know."""
 
     arrays: dict[str, NDArray[Any]]
     params: NDArray[Any]  # SceneParams, without the camera
@@ -58,41 +59,29 @@ class PackedScene:
 
 def pack_scene(scene: Scene, splitter: Splitter = split) -> PackedScene:
     """Everything of the scene but its camera (see `pack_camera`). `splitter` builds the tree."""
-    triangles = gather_triangles(scene)
-    spheres = [s for s in scene.shapes if isinstance(s, Sphere)]
-    space = normalisation(triangles.corners.reshape(-1, 3), spheres)
-    corners = space.apply(triangles.corners)
-    lights, light_of_shape, cdf = pack_lights(scene, triangles, corners, space)
-    sphere_array = _pack_spheres(scene, spheres, light_of_shape, space)
+    arrays, triangles, space, local = _pack_surfaces(scene)
     start = perf_counter()
-    tree = build_tree(corners.astype(np.float32), sphere_array, splitter)
+    tree = build_tree(local.corners, arrays["spheres"], splitter)
     build_seconds = perf_counter() - start
-    textures, texels = _pack_textures(scene)
-    corner_array, corner_index = _pack_corners(scene, triangles)
     arrays = {
         "nodes": tree.nodes,
         "triangle_blocks": tree.triangle_blocks,
         "sphere_blocks": tree.sphere_blocks,
-        "triangles": _pack_triangles(scene, triangles, corners, corner_index, light_of_shape),
-        "corners": corner_array,
-        "spheres": sphere_array,
-        "materials": _pack_materials(scene),
-        "textures": textures,
-        "texels": texels,
-        "lights": lights,
-        "cdf": cdf,
+        "triangles": arrays.pop("triangles"),
+        "corners": _pack_corners(scene, triangles),
+        **arrays,
     }
-    bound = _bound(corners, sphere_array)
+    bound = _bound(local, arrays["spheres"])
     params = np.zeros((), dtypes()["SceneParams"])
     params["root"] = tree.root
-    params["triangle_count"] = len(corners)
-    params["light_count"] = len(lights)
+    params["triangle_count"] = len(local.corners)
+    params["light_count"] = len(arrays["lights"])
     params["bound"] = round_up(bound)
     report = {
-        "triangles": len(corners),
-        "spheres": len(spheres),
-        "lights": len(lights),
-        "texels": len(texels) // 3,
+        "triangles": len(local.corners),
+        "spheres": len(arrays["spheres"]),
+        "lights": len(arrays["lights"]),
+        "texels": len(arrays["texels"]) // 3,
         "nodes": len(tree.nodes),
         "blocks": len(tree.triangle_blocks) + len(tree.sphere_blocks),
         "depth": tree.depth,
@@ -101,6 +90,29 @@ def pack_scene(scene: Scene, splitter: Splitter = split) -> PackedScene:
         "bytes": sum(array.nbytes for array in arrays.values()),
     }
     return PackedScene(arrays, params, space, bound, report)
+
+
+def _pack_surfaces(scene: Scene) -> tuple[dict[str, NDArray[Any]], Triangles, Normalisation, LocalTriangles]:
+    """All arrays but the corners' and the tree's, which needs the local triangles.
+
+    The triangles return without their place in the world, in float64: the tree's builder needs the room.
+    """
+    triangles = gather_triangles(scene)
+    spheres = [s for s in scene.shapes if isinstance(s, Sphere)]
+    space = normalisation(triangles.corners.reshape(-1, 3), spheres)
+    local = local_triangles(triangles.corners, space)
+    lights, light_of_shape, cdf = pack_lights(scene, triangles, local.largest_edge, space)
+    textures, texels = _pack_textures(scene)
+    arrays = {
+        "triangles": _pack_triangles(scene, triangles, local.largest_edge, space, light_of_shape),
+        "spheres": _pack_spheres(scene, spheres, light_of_shape, space),
+        "materials": _pack_materials(scene),
+        "textures": textures,
+        "texels": texels,
+        "lights": lights,
+        "cdf": cdf,
+    }
+    return arrays, replace(triangles, corners=triangles.corners[:0].copy()), space, local
 
 
 def pack_camera(packed: PackedScene, camera: Camera, width: int, height: int) -> NDArray[Any]:
@@ -122,12 +134,11 @@ def round_up(x: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.nextafter(x.astype(np.float32), np.float32(np.inf))
 
 
-def _bound(corners: NDArray[np.float64], spheres: NDArray[Any]) -> NDArray[np.float64]:
-    bound = largest_coordinates(corners.reshape(-1, 3))
-    if len(spheres):
-        reach = np.abs(spheres["center"].astype(np.float64)) + spheres["radius"][:, None].astype(np.float64)
-        bound = np.maximum(bound, reach.max(axis=0))
-    return np.asarray(bound, np.float64)
+def _bound(local: LocalTriangles, spheres: NDArray[Any]) -> NDArray[np.float64]:
+    if not len(spheres):
+        return local.bound
+    reach = np.abs(spheres["center"].astype(np.float64)) + spheres["radius"][:, None].astype(np.float64)
+    return np.asarray(np.maximum(local.bound, reach.max(axis=0)), np.float64)
 
 
 def _material(shape: Shape) -> int:
@@ -137,36 +148,48 @@ def _material(shape: Shape) -> int:
 def _pack_triangles(
     scene: Scene,
     triangles: Triangles,
-    corners: NDArray[np.float64],
-    corner_index: NDArray[np.int32],
+    largest_edge: float,
+    space: Normalisation,
     light_of_shape: NDArray[np.int32],
 ) -> NDArray[Any]:
-    v0, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    n = triangle_normals(triangles.corners)  # far from the centre, normalised edges may have lost theirs
     material_of_shape = np.array([_material(s) for s in scene.shapes], np.int32)
-    out = np.empty(len(corners), dtypes()["Triangle"])
-    out["v0"], out["e1"], out["e2"], out["n"] = v0, e1, e2, n
-    out["offset"] = rounding_offset(v0, e1, e2, n, largest_edge(corners))
-    out["material"] = material_of_shape[triangles.shape]
-    out["light"] = light_of_shape[triangles.shape]
-    out["corners"] = corner_index
+    out = np.empty(len(triangles.shape), dtypes()["Triangle"])
+    for part in parts(len(out)):
+        rows, world = out[part], triangles.corners[part]
+        corners = space.apply(world)
+        v0, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        n = triangle_normals(world)  # far from the centre, normalised edges may have lost theirs
+        rows["v0"], rows["e1"], rows["e2"], rows["n"] = v0, e1, e2, n
+        rows["offset"] = rounding_offset(v0, e1, e2, n, largest_edge)
+        rows["material"] = material_of_shape[triangles.shape[part]]
+        rows["light"] = light_of_shape[triangles.shape[part]]
+    out["corners"] = _corner_index(scene, triangles)
     return out
 
 
-def _pack_corners(scene: Scene, triangles: Triangles) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Attributes of the triangles that have some which matter, and each triangle's index of them or −1."""
+def _with_corners(scene: Scene) -> NDArray[np.bool_]:
+    """Whether each shape's triangles have attributes at their corners that matter."""
     textures = any(not isinstance(scene.textures[i], ConstantTexture) for i in used_textures(scene))
-    index = np.full(len(triangles.shape), -1, np.int32)
-    parts = [np.empty(0, dtypes()["Corners"])]
-    count = 0
-    for i, shape in enumerate(scene.shapes):
-        if not has_corners(shape, textures):
-            continue
-        mine = triangles.of_shape(i)
-        index[mine] = count + np.arange(len(mine), dtype=np.int32)
-        parts.append(shape_corners(shape, triangles.source[mine]))
-        count += len(mine)
-    return np.concatenate(parts), index
+    return np.array([has_corners(shape, textures) for shape in scene.shapes], np.bool_)
+
+
+def _corner_index(scene: Scene, triangles: Triangles) -> NDArray[np.int32]:
+    """Of each triangle the index of its attributes, or −1."""
+    having = _with_corners(scene)[triangles.shape]
+    return np.where(having, np.cumsum(having, dtype=np.int32) - 1, np.int32(-1))
+
+
+def _pack_corners(scene: Scene, triangles: Triangles) -> NDArray[Any]:
+    """Attributes of the triangles that have some which matter."""
+    having = _with_corners(scene)
+    out = np.empty(np.count_nonzero(having[triangles.shape]), dtypes()["Corners"])
+    end = 0
+    for i in np.flatnonzero(having):
+        source = triangles.source[triangles.of_shape(int(i))]
+        for part in parts(len(source)):
+            out[end + part.start : end + part.stop] = shape_corners(scene.shapes[i], source[part])
+        end += len(source)
+    return out
 
 
 def shape_corners(shape: Shape, source: NDArray[np.int32]) -> NDArray[Any]:

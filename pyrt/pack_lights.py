@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pyrt.geometry import (
     Normalisation,
     Triangles,
-    largest_edge,
     rectangle_corners,
     rounding_offset,
     scaled_edges,
@@ -18,7 +17,7 @@ from pyrt.geometry import (
     unit,
 )
 from pyrt.layout import constants, dtypes
-from pyrt.scene import PointLight, Rectangle, Scene, Sphere, SpotLight
+from pyrt.scene import Light, Rectangle, Scene, Sphere, SpotLight
 
 # Extents to the scene. A point light beyond is moved in to this distance and dimmed, so that the light in the scene is
 # the same to float32's precision, and no square of a distance overflows.
@@ -27,9 +26,12 @@ _STEEPEST = 1e30  # fall of a cone, finite in float32
 
 
 def pack_lights(
-    scene: Scene, triangles: Triangles, corners: NDArray[np.float64], space: Normalisation
+    scene: Scene, triangles: Triangles, largest_edge: float, space: Normalisation
 ) -> tuple[NDArray[Any], NDArray[np.int32], NDArray[np.uint32]]:
-    """Lights, the light index of each shape (or −1), and the cumulative areas of mesh lights."""
+    """Lights, the light index of each shape (or −1), and the cumulative areas of mesh lights.
+
+    `largest_edge`: of the normalised triangles.
+    """
     light_of_shape = np.full(len(scene.shapes), -1, np.int32)
     rows: list[NDArray[Any]] = [_point_light(light, space) for light in scene.lights]
     cdfs = [np.empty(0, np.uint32)]
@@ -41,7 +43,7 @@ def pack_lights(
             if isinstance(shape, Sphere):
                 row = _sphere_light(shape, sphere_id, space)
             elif isinstance(shape, Rectangle):
-                row = _rectangle_light(shape, mine, corners, space)
+                row = _rectangle_light(shape, mine, largest_edge, space)
             else:
                 row, cdf = _mesh_light(mine, triangles.corners[mine], sum(len(c) for c in cdfs))
                 cdfs.append(cdf)
@@ -58,7 +60,7 @@ def _light_row(kind: str, first: int, count: int) -> NDArray[Any]:
     return row
 
 
-def _point_light(light: PointLight | SpotLight, space: Normalisation) -> NDArray[Any]:
+def _point_light(light: Light, space: Normalisation) -> NDArray[Any]:
     row = _light_row("LIGHT_POINT", 0, 0)
     if isinstance(light, SpotLight):
         inner, outer = (4 * np.sin(np.radians(angle) / 2) ** 2 for angle in (light.inner, light.outer))
@@ -77,7 +79,7 @@ def _point_light(light: PointLight | SpotLight, space: Normalisation) -> NDArray
 
 
 def _rectangle_light(
-    shape: Rectangle, mine: NDArray[np.intp], corners: NDArray[np.float64], space: Normalisation
+    shape: Rectangle, mine: NDArray[np.intp], largest_edge: float, space: Normalisation
 ) -> NDArray[Any]:
     row = _light_row("LIGHT_RECTANGLE", int(mine[0]), len(mine))
     low = space.apply(rectangle_corners(shape))[0]
@@ -85,7 +87,7 @@ def _rectangle_light(
     normal = np.cross(unit(e1), unit(e2))  # of unit vectors, for that of tiny ones is 0
     row["position"], row["edge1"], row["edge2"], row["n"] = low, e1, e2, unit(normal)
     row["area"] = np.linalg.norm(e1) * np.linalg.norm(e2) * np.linalg.norm(normal)
-    row["offset"] = rounding_offset(low, e1, e2, unit(normal), largest_edge(corners))
+    row["offset"] = rounding_offset(low, e1, e2, unit(normal), largest_edge)
     return row
 
 
