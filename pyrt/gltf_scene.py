@@ -1,4 +1,4 @@
-"""A glTF file as a scene: geometry, base colours, glass, emission, the camera and point lights.
+"""A glTF file as a scene: geometry, base colours, glass, emission, the camera and lights.
 
 Units of light: a candela of a lamp is taken for a watt per steradian, and a nit of a surface for a radiance of 1.
 """
@@ -28,6 +28,7 @@ from pyrt.model import (
     Model,
     add_colors,
     add_image,
+    add_light,
     add_material,
     decode_image,
 )
@@ -249,15 +250,13 @@ def _add_light(reading: _Reading, light: Light, matrix: NDArray[np.float64]) -> 
         center, radius = _sphere_around(reading.model)
         backward = matrix[:3, 2] / max(float(np.linalg.norm(matrix[:3, 2])), 1e-300)
         position, intensity = center + backward * (radius * _FAR), light.intensity * (radius * _FAR) ** 2
-    elif light.type == "spot":
-        warnings.append("its spot lights shine in all directions")
-    elif light.type != "point":
+    elif light.type not in ("point", "spot"):
         warnings.append(f"its lights of type {light.type[:20]!a} are not used")
         return
     if light.range is not None:
         warnings.append("the range of its lights is not used, they fade with the square of the distance")
-    flux = [4 * math.pi * intensity * x for x in light.color]
-    reading.model.raw["lights"].append({"position": position.tolist(), "flux": flux})
+    cone = (-matrix[:3, 2], light.spot.innerConeAngle, light.spot.outerConeAngle) if light.type == "spot" else None
+    add_light(reading.model, position, intensity * np.array(light.color), cone)
 
 
 def _sphere_around(model: Model) -> tuple[NDArray[np.float64], float]:

@@ -8,6 +8,7 @@ Names and meanings are the specification's (Khronos Group, glTF 2.0, 2021); othe
 from __future__ import annotations
 
 import json
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -221,12 +222,20 @@ class Camera(Part):
     perspective: Perspective | None = None
 
 
+class Spot(Part):
+    innerConeAngle: Annotated[Number, Field(ge=0, le=1.571), expect("an angle in radians from 0 to pi/2")] = 0.0
+    outerConeAngle: Annotated[Number, Field(gt=0, le=1.571), expect("an angle in radians > 0 and <= pi/2")] = (
+        math.pi / 4
+    )
+
+
 class Light(Part):
     type: Text
     name: Text = ""
     color: Power = (1.0, 1.0, 1.0)
     intensity: Strength = 1.0
     range: Any = None
+    spot: Spot = Spot()
 
 
 class Lights(Part):

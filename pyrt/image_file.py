@@ -97,9 +97,8 @@ def write_exr(
         warnings.append(f"{too_bright} values above {MAX_HALF:g} are clamped to that, the largest half float")
     inexact = [name for name, plane in planes.items() if _has_large_ids(plane)]
     for name in inexact:
-        warnings.append(
-            f"{name} is left out: it holds numbers above {_MAX_ID}, which OpenImageIO would round; Result.aovs in Python has it"
-        )
+        problem = f"it holds numbers above {_MAX_ID}, which OpenImageIO would round"
+        warnings.append(f"{name} is left out: {problem}; Result.aovs in Python has it")
     stored = {"R": pixels[..., 0], "G": pixels[..., 1], "B": pixels[..., 2]}
     stored |= {name: plane for name, plane in planes.items() if name not in inexact}
     kinds = ["half" if half else "float"] * 3 + ["uint" if p.dtype.kind == "u" else "float" for p in planes.values()]

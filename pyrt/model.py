@@ -79,6 +79,34 @@ def add_image(
     return name
 
 
+def add_light(
+    model: Model,
+    position: NDArray[np.float64],
+    intensity: NDArray[np.float64],
+    cone: tuple[NDArray[np.float64], float, float] | None = None,
+) -> None:
+    """Adds a light of some watts per steradian and channel (3,). `cone`: its axis, and the angles from that in radians
+    between which it fades; as files have equal ones for a sharp edge, they are moved a little apart."""
+    if cone is None:
+        model.raw["lights"].append({"position": position.tolist(), "flux": (4 * math.pi * intensity).tolist()})
+        return
+    axis, inner, outer = cone
+    length = float(np.linalg.norm(axis))
+    if not 0 < length < math.inf:
+        model.warnings.append("its spot lights without a direction are not used")
+        return
+    outer_angle = min(math.degrees(outer), 90.0)
+    spot = {
+        "type": "spot",
+        "position": position.tolist(),
+        "look_at": (position + axis / length * max(1.0, float(np.abs(position).max()))).tolist(),
+        "intensity": intensity.tolist(),
+        "inner_angle": min(math.degrees(inner), 0.999 * outer_angle),
+        "outer_angle": outer_angle,
+    }
+    model.raw["lights"].append(spot)
+
+
 def add_material(model: Model, name: str, definition: dict[str, Any]) -> str:
     """Adds a material; returns the name that it got."""
     name = unique_name(name, model.raw["materials"], "material")

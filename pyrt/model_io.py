@@ -16,7 +16,7 @@ from pyrt.gltf_scene import load_gltf
 from pyrt.image_io import read_texture, srgb_to_linear
 from pyrt.mesh_data import MeshData
 from pyrt.mesh_io import FORMATS, Surfaces, load_surfaces, part_of
-from pyrt.model import Model, add_colors, add_image, add_material, unique_name
+from pyrt.model import Model, add_colors, add_image, add_light, add_material, unique_name
 from pyrt.mtl import MtlMaterial, read_mtl
 from pyrt.smooth import smoothed
 
@@ -123,12 +123,12 @@ def _add_trimesh_view(model: Model, geometry: Any) -> None:
         pose = {"matrix": np.asarray(geometry.camera_transform).tolist(), "convention": "opengl"}
         model.raw["camera"] = {**pose, "intrinsics": {"fx": fx, "fy": fy, "cx": cx, "cy": cy}}
     for light in getattr(geometry, "_lights", None) or ():
-        if type(light).__name__ != "PointLight":
-            model.warnings.append(f"its light of type {type(light).__name__} is not used")
+        kind, matrix = type(light).__name__, np.asarray(geometry.graph[light.name][0])
+        if kind not in ("PointLight", "SpotLight"):
+            model.warnings.append(f"its light of type {kind} is not used")
             continue
-        position = np.asarray(geometry.graph[light.name][0])[:3, 3]
-        flux = 4 * np.pi * light.intensity * np.asarray(light.color[:3]) / 255
-        model.raw["lights"].append({"position": position.tolist(), "flux": flux.tolist()})
+        cone = (-matrix[:3, 2], light.innerConeAngle, light.outerConeAngle) if kind == "SpotLight" else None
+        add_light(model, matrix[:3, 3], light.intensity * np.asarray(light.color[:3]) / 255, cone)
 
 
 def add_surfaces(model: Model, name: str, surfaces: Surfaces) -> dict[str, Any]:

@@ -153,6 +153,9 @@ class SpotLight:
     outer: float
 
 
+Light = PointLight | SpotLight
+
+
 @dataclass(frozen=True)
 class Scene:
     """A complete scene. `spp` and `max_depth` are the file's defaults for rendering."""
@@ -162,7 +165,7 @@ class Scene:
     textures: tuple[Texture, ...] = ()
     materials: tuple[Material, ...] = ()
     shapes: tuple[Shape, ...] = ()
-    lights: tuple[PointLight | SpotLight, ...] = ()
+    lights: tuple[Light, ...] = ()
     spp: int = 32
     max_depth: int = 16
     name: str = "scene"

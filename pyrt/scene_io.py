@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pyrt import scene, schema
 from pyrt.errors import SceneError, UsageError
 from pyrt.files import check_file
+from pyrt.geometry import unit
 from pyrt.image_io import read_texture
 from pyrt.loading import Loading
 from pyrt.model import Model
@@ -131,7 +132,7 @@ def _scene(loading: Loading, raw: dict[str, Any], model: schema.SceneModel, name
         textures=tuple(textures.values()),
         materials=tuple(_material(key, material, places) for key, material in materials.items()),
         shapes=shapes,
-        lights=_point_lights(model, shapes),
+        lights=_lights(model, shapes),
         spp=model.integrator.spp,
         max_depth=model.integrator.max_depth,
         name=name,
@@ -195,13 +196,20 @@ def _material(key: str, material: schema.MaterialModel, textures: Mapping[str, i
     return scene.Diffuse(textures.get(_texture_path(key, material), -1), material.twosided)
 
 
-def _point_lights(model: schema.SceneModel, shapes: Sequence[scene.Shape]) -> tuple[scene.PointLight, ...]:
+def _lights(model: schema.SceneModel, shapes: Sequence[scene.Shape]) -> tuple[scene.Light, ...]:
     """The integrator's point light, if it says anything about one or there is no other light, and then the rest."""
-    lights = tuple(scene.PointLight(light.position, light.flux) for light in model.lights)
+    lights = tuple(_light(light) for light in model.lights)
     position, flux = model.integrator.point_light_position, model.integrator.point_light_flux
     if position is None and flux is None and _has_lights(model, shapes):
         return lights
     return (scene.PointLight(position or (0.0, 5.0, 0.0), flux or (1.0, 1.0, 1.0)), *lights)
+
+
+def _light(light: schema.LightModel) -> scene.Light:
+    if isinstance(light, schema.PointLight):
+        return scene.PointLight(light.position, light.flux)
+    x, y, z = unit(np.subtract(light.look_at, light.position)).tolist()
+    return scene.SpotLight(light.position, (x, y, z), light.intensity, light.inner_angle, light.outer_angle)
 
 
 def _has_lights(model: schema.SceneModel, shapes: Sequence[scene.Shape]) -> bool:

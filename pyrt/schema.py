@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from pyrt.schema_camera import Camera
 from pyrt.schema_types import (
@@ -18,6 +18,7 @@ from pyrt.schema_types import (
     Matrix,
     Model,
     Name,
+    Number,
     Positive,
     Power,
     Reflectance,
@@ -139,9 +140,34 @@ class AreaLight(Model):
 class PointLight(Model):
     """An isotropic point light."""
 
-    type: Annotated[Literal["point"], expect('"point"')] = Field("point", description="The only kind.")
+    model_config = ConfigDict(json_schema_extra=lambda schema: schema["required"].remove("type"))  # see _with_type
+
+    type: Literal["point"]
     position: Vec3 = Field(description="Where it is.")
     flux: Power = Field(description="Emitted power in watts per channel.")
+
+
+class SpotLight(Model):
+    """A point light that shines in a cone, and fades at its rim with the square of the angle's cosine."""
+
+    type: Literal["spot"]
+    position: Vec3 = Field(description="Where it is.")
+    look_at: Vec3 = Field(description="What it points at.")
+    intensity: Power = Field(description="Watts per steradian and channel within the inner angle.")
+    inner_angle: Annotated[Number, Field(ge=0, lt=90), expect("an angle in degrees >= 0 and < 90")] = Field(
+        0.0, description="From the axis, in degrees, where it begins to fade."
+    )
+    outer_angle: Annotated[Number, Field(gt=0, le=90), expect("an angle in degrees > 0 and <= 90")] = Field(
+        45.0, description="From the axis, in degrees, where nothing is left; more than `inner_angle`."
+    )
+
+    @model_validator(mode="after")
+    def _check_cone(self) -> SpotLight:
+        if self.position == self.look_at:
+            raise sentence(f"expected a look_at away from the position, got {list(self.look_at)} for both")
+        if self.inner_angle >= self.outer_angle:
+            raise sentence(f"expected inner_angle < outer_angle, got {self.inner_angle:g} and {self.outer_angle:g}")
+        return self
 
 
 class Object(Model):
@@ -219,7 +245,13 @@ class Icosphere(Object):
 
 TextureModel = ConstantTexture | ImageTexture | CheckerboardTexture
 MaterialModel = Diffuse | Refraction | Dielectric
+LightModel = PointLight | SpotLight
 ObjectModel = Mesh | Sphere | Rectangle | Icosphere
+
+
+def _with_type(light: Any) -> Any:
+    """A light without a type is a point."""
+    return {"type": "point", **light} if isinstance(light, dict) else light
 
 
 class SceneModel(Model):
@@ -230,7 +262,9 @@ class SceneModel(Model):
     camera: Camera = Field(Camera(), description="The camera.")
     textures: dict[str, Annotated[TextureModel, Field(discriminator="type")]] = Field({}, description="By name.")
     materials: dict[str, Annotated[MaterialModel, Field(discriminator="type")]] = Field({}, description="By name.")
-    lights: list[PointLight] = Field([], description="Point lights, beside the one of the integrator.")
+    lights: list[Annotated[LightModel, Field(discriminator="type"), BeforeValidator(_with_type)]] = Field(
+        [], description="Points and spots, beside the point light of the integrator; without a `type`, a point."
+    )
     objects: list[Annotated[ObjectModel, Field(discriminator="type")]] = Field(
         description="What is in the scene, at least one object.", json_schema_extra={"minItems": 1}
     )

@@ -14,8 +14,8 @@ from pyrt.schema import ObjectModel, SceneModel, json_schema
 
 Location = tuple[int | str, ...]
 
-_UNIONS = {"textures": "texture type", "materials": "material type", "objects": "object type"}
-CONTAINERS = (*_UNIONS, "lights")  # sections made of entries
+_UNIONS = {"textures": "texture type", "materials": "material type", "objects": "object type", "lights": "light type"}
+CONTAINERS = tuple(_UNIONS)  # sections made of entries
 _TYPES = dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "an object") | {"list_type": "an array"}
 _MAX_QUOTE = 60
 _MAX_NAMES = 10

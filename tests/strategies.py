@@ -250,8 +250,19 @@ def _cameras(draw: Draw, frame: Frame) -> Json:
     }
 
 
-def _point_lights(frame: Frame) -> Strategy:
-    light = st.fixed_dictionaries({"position": frame.points(), "flux": _powers}, optional={"type": st.just("point")})
+def _lights(frame: Frame) -> Strategy:
+    point = st.fixed_dictionaries({"position": frame.points(), "flux": _powers}, optional={"type": st.just("point")})
+    cones = st.sampled_from([(0, 45), (0, 90), (89, 90), (0, 1e-30), (1e-6, 1e-5), (24.999999999, 25)])
+    spot = st.builds(
+        lambda ends, power, cone: {
+            **{"type": "spot", "intensity": power, "inner_angle": cone[0], "outer_angle": cone[1]},
+            **dict(zip(("position", "look_at"), ends, strict=True)),
+        },
+        st.tuples(frame.points(), frame.points()).filter(lambda ends: list(ends[0]) != list(ends[1])),
+        _powers,
+        cones,
+    )
+    light = mostly(point, spot)
     return st.lists(light, max_size=2) | st.lists(light, min_size=9, max_size=10)
 
 
@@ -285,7 +296,7 @@ def cases(draw: Draw) -> Case:
         "camera": draw(_cameras(frame)),
         "textures": textures,
         "materials": materials,
-        "lights": draw(_point_lights(frame)),
+        "lights": draw(_lights(frame)),
         "objects": objects,
     }
     return Case(scene, files)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from pyrt.errors import SceneError
 from pyrt.image_io import write_image
-from pyrt.scene import Diffuse, ImageTexture, Mesh, Scene
+from pyrt.scene import Diffuse, ImageTexture, Mesh, Scene, SpotLight
 from pyrt.scene_hash import scene_hash
 from pyrt.scene_io import load_scene
 from tests.gltf_files import GltfFile
@@ -296,6 +296,34 @@ def test_a_directional_light_is_parallel_and_as_strong_everywhere(tmp_path: Path
         np.testing.assert_allclose(away / np.linalg.norm(away), [0, 1, 0], atol=2e-6)
 
 
+def spot_of(tmp_path: Path, spot: Any, **node: Any) -> SpotLight:
+    file = lit()
+    light = {"type": "spot", "intensity": 5, "color": [1, 0.5, 0], **spot}
+    file.tree["extensions"]["KHR_lights_punctual"]["lights"] = [light]
+    file.tree["nodes"][1] = {**LIGHT, **node}
+    file.mesh(SQUARE, FACES)
+    file.tree["nodes"].append({"mesh": 0})
+    (found,) = load(file, tmp_path).lights
+    assert isinstance(found, SpotLight)
+    return found
+
+
+def test_a_spot_light_shines_along_its_nodes_axis(tmp_path: Path) -> None:
+    """-z, turned by the node; its scale changes neither the intensity nor the cone."""
+    turn = [-math.sqrt(0.5), 0, 0, math.sqrt(0.5)]  # -z to -y
+    light = spot_of(tmp_path, {"spot": {"innerConeAngle": 0.1}}, rotation=turn, scale=[3, 2, 5])
+    assert (light.position, light.intensity) == ((0, 2, 3), (5, 2.5, 0))
+    np.testing.assert_allclose(light.direction, [0, -1, 0], atol=1e-12)
+    assert (light.inner, light.outer) == (pytest.approx(math.degrees(0.1)), pytest.approx(45))
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.5707964])  # as float32 has the right angle
+def test_a_spot_light_with_a_sharp_edge(angle: float, tmp_path: Path) -> None:
+    light = spot_of(tmp_path, {"spot": {"innerConeAngle": angle, "outerConeAngle": angle}})
+    assert light.outer == min(math.degrees(angle), 90)
+    assert 0.99 * light.outer < light.inner < light.outer
+
+
 def warnings_of(tmp_path: Path, **sections: Any) -> list[str]:
     file = lit()
     file.mesh(SQUARE, FACES, material=0)
@@ -342,12 +370,15 @@ NOT_RENDERED = "are not rendered: surfaces are matte or clear glass"
             "its points and lines are not used",
         ),
         (
-            {"extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot"}]}}},
-            "its spot lights shine in all directions",
-        ),
-        (
             {"extensions": {"KHR_lights_punctual": {"lights": [{"type": "laser"}]}}},
             "its lights of type 'laser' are not used",
+        ),
+        (
+            {
+                "extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot"}]}},
+                "nodes": lambda nodes: [nodes[0], {**LIGHT, "scale": [1, 1, 0]}, nodes[2]],
+            },
+            "its spot lights without a direction are not used",
         ),
     ],
 )

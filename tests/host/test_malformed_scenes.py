@@ -150,7 +150,36 @@ MALFORMED: dict[str, tuple[dict[str, Any], list[str]]] = {
         ['integrator.type: expected "intersection_test" or its alias "direct", got "path"'],
     ),
     "unknown filter": ({"film.filter.type": "gauss"}, ['film.filter.type: expected "box", got "gauss"']),
-    "unknown light": ({"lights.0.type": "spot"}, ['lights[0].type: expected "point", got "spot"']),
+    "unknown light": ({"lights.0.type": "spott"}, ['lights[0].type: no light type "spott"; did you mean "spot"?']),
+    "light no object": ({"lights": [3]}, ["lights[0]: expected an object, got 3"]),
+    "spot without intensity": (
+        {"lights": [{"type": "spot", "position": [0, 1, 0], "look_at": [0, 0, 0], "flux": [1, 1, 1]}]},
+        [
+            'lights[0]: missing key "intensity"',
+            'lights[0].flux: unknown key; expected one of "type", "position", "look_at", "intensity", "inner_angle", '
+            '"outer_angle"',
+        ],
+    ),
+    "spot at itself": (
+        {"lights": [{"type": "spot", "position": [0, 1, 0], "look_at": [0, 1, 0], "intensity": [1, 1, 1]}]},
+        ["lights[0]: expected a look_at away from the position, got [0.0, 1.0, 0.0] for both"],
+    ),
+    "cone inside out": (
+        {
+            "lights": [
+                {"type": "spot", "position": [0, 1, 0], "look_at": [0, 0, 0], "intensity": [1, 1, 1], "inner_angle": 45}
+            ]
+        },
+        ["lights[0]: expected inner_angle < outer_angle, got 45 and 45"],
+    ),
+    "wide cone": (
+        {
+            "lights": [
+                {"type": "spot", "position": [0, 1, 0], "look_at": [0, 0, 0], "intensity": [1, 1, 1], "outer_angle": 91}
+            ]
+        },
+        ["lights[0].outer_angle: expected an angle in degrees > 0 and <= 90, got 91"],
+    ),
     "unknown area light": ({"objects.1.light.type": "spot"}, ['objects[1].light.type: expected "area", got "spot"']),
     "unknown material": (
         {"objects.3.material_name": "gray_difuse"},

@@ -19,7 +19,7 @@ from pyrt.errors import SceneError, UsageError
 from pyrt.image_io import srgb_to_linear, write_image
 from pyrt.mesh_data import MeshData
 from pyrt.procedural import icosphere
-from pyrt.scene import ConstantTexture, Dielectric, Diffuse, ImageTexture, Mesh, Rectangle, Scene
+from pyrt.scene import ConstantTexture, Dielectric, Diffuse, ImageTexture, Mesh, Rectangle, Scene, SpotLight
 from pyrt.scene_hash import scene_hash
 from pyrt.scene_io import load_scene
 from pyrt.smooth import smoothed
@@ -294,6 +294,9 @@ def test_trimesh_scenes_keep_places_camera_and_lights() -> None:
     assert seen.camera.fov == pytest.approx(32)
     assert [light.flux for light in seen.lights] == [pytest.approx((8 * math.pi, 0, 0))]
     assert not any(shape.radiance for shape in seen.shapes)
+
+    group.lights = [trimesh.scene.lighting.SpotLight(name="lamp", color=[0, 255, 0, 255], intensity=2)]
+    assert pyrt.from_trimesh(group).lights == (SpotLight((0, 0, 9), (0, 0, -1), (0, 2, 0), 0, 45),)
 
 
 @pytest.mark.parametrize("wrong", [3, "ball.ply", None])

@@ -191,6 +191,12 @@ def test_which_point_lights_there_are(
     )
 
 
+def test_a_spot_light_points_at_what_it_looks_at() -> None:
+    light = {"type": "spot", "position": [1, 5, 3], "look_at": [1, 1, 0], "intensity": [3, 2, 1], "outer_angle": 30}
+    expected = scene.SpotLight((1, 5, 3), (0, -0.8, -0.6), (3, 2, 1), 0, 30)
+    assert load_scene({"lights": [light], "objects": [SPHERE]}).lights == (expected,)
+
+
 def test_only_what_is_used_becomes_part_of_the_scene(folder: Path) -> None:
     (folder / "broken.png").write_bytes(b"never read")
     description = mesh_scene()

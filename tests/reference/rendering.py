@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyrt
-from pyrt.scene import Camera, ConstantTexture, Diffuse, Material, PointLight, Scene, Shape, SpotLight, Texture
+from pyrt.scene import Camera, ConstantTexture, Diffuse, Light, Material, Scene, Shape, Texture
 
 from .analytic import Array
 from .statistics import ROUNDING, Estimate, assert_agrees, gaussian, replicate, z_scores
@@ -18,7 +18,7 @@ SEEDS = 16
 def make_scene(
     *shapes: Shape,
     camera: Camera,
-    lights: tuple[PointLight | SpotLight, ...] = (),
+    lights: tuple[Light, ...] = (),
     materials: tuple[Material, ...] = (Diffuse(0),),
     textures: tuple[Texture, ...] = (ConstantTexture(ALBEDO),),
     max_depth: int = 16,
