@@ -161,13 +161,16 @@ static uchar classify_beam(const Scene *scene, const Beam *beam, const global Ca
         crossed[i] = lanes_crossed(block, beam->o[i], beam->d[i], INFINITY, &all);
         vstore8(all, 0, inv_t[i]);
     }
+    uchar edge = PIXEL_EDGE;
+    for (uint rest = mask; rest != 0u; rest &= rest - 1u)
+        edge = scene->triangles[block->id[lowest_bit(rest)]].light >= 0 ? PIXEL_LIGHT_EDGE : edge;
     int front = -1;
     for (uint rest = crossed[0]; rest != 0u; rest &= rest - 1u) {
         int lane = lowest_bit(rest);
         front = front < 0 || inv_t[0][lane] > inv_t[0][front] ? lane : front;
     }
     if (front < 0)
-        return PIXEL_EDGE;
+        return edge;
     const global Triangle *tri = &scene->triangles[block->id[front]];
     uint face = 0u;
     for (uint rest = lanes_in_plane(scene, tri, block); rest != 0u; rest &= rest - 1u) {
@@ -177,10 +180,10 @@ static uchar classify_beam(const Scene *scene, const Beam *beam, const global Ca
     }
     for (int i = 0; i < 4; ++i) {
         if ((crossed[i] & face) == 0u)
-            return PIXEL_EDGE;
+            return edge;
         for (uint rest = mask & ~face; rest != 0u; rest &= rest - 1u)
             if (!(inv_t[i][lowest_bit(rest)] < inv_t[i][front]))
-                return PIXEL_EDGE;
+                return edge;
     }
     float3 n = load3(tri->n), footprint[4];
     n = dot3(n, beam->d[0]) > 0.0f ? -n : n;

@@ -64,7 +64,8 @@ typedef struct {
 #define PIXEL_EDGE 1     /* several surfaces */
 #define PIXEL_PENUMBRA 2 /* one surface, and something may stand before a part of a light */
 #define PIXEL_UNKNOWN 3
-#define PIXEL_CLASSES 4
+#define PIXEL_LIGHT_EDGE 4 /* several surfaces, some of which may emit */
+#define PIXEL_CLASSES 5
 
 /* Primitive ids: triangles first, in the order of the scene's shapes, then spheres. */
 

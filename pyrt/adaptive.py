@@ -4,7 +4,8 @@ Every pixel begins with 2 samples. Then, round by round, pixels double theirs. W
 samples tell how the error fell: halves of a scrambled Sobol' sequence are alike in distribution, so a quarter of their
 squared difference is on average the variance of a half less that of the whole. With d the share of the variance that
 each doubling leaves, measured for each class of pixels (see kernels/classify.h), the whole's variance is d / (1 − d)
-times as much.
+times as much. From 8 samples on this is averaged with what the estimate for half as many lets expect: along an edge
+that follows the pixels' grid, the halves may agree in all pixels.
 
 Which pixels go on: those where doubling lowers the variance most per sample (Neyman's optimal allocation), as many as
 the target needs. A pixel's variance is estimated for that from other pixels of its class nearby, never from itself. So
@@ -28,14 +29,18 @@ from pyrt.guide import GAIN_BINS, GAIN_STEPS, LOW_GAIN, Guide
 from pyrt.partial import Adaptive
 
 FIRST_SAMPLES = 2
+_STEADY_LEVEL = 3  # from which on errors are averaged with what the halves' errors let expect
+_DEVIATIONS = 1.5  # by which a noisy pixel may be off
+_NOISY = 0.01  # squared relative error of a pixel whose own radiance cannot be relied on
 _PART = 1 << 26  # samples between two chances to save
 _BLOCK = 8192  # pixels added at a time, so that they stay in cache
 _RADIANCE_FLOOR = 0.01  # squared; below a tenth, errors count in absolute terms
-_DECAY_RANGE = (0.125, 0.6)
+_LEAST_DECAY = (0.125, 0.125, 0.125, 0.125, 0.35)  # by class; lights' edges are edges, whose errors fall as n^−1.5
+_MOST_DECAY = 0.6
 _DECAY_PIXELS = 30  # that a class must have, to measure it
 _SHARPEN = 0.25  # of the squared error: what a round aims at if there is no target
 _AIM = 0.75  # of the squared target: what a round aims at, or else many would do ever less
-_LEAST_LEVEL = (1, 3, 2, 2)  # by class
+_LEAST_LEVEL = (1, 3, 2, 2, 5)  # by class; a light may fill little of its edges' pixels and be most of what they show
 _PASS_COST = 4096  # samples that take as long as a pass of few samples
 
 Trace = Callable[..., tuple[Film, int]]
@@ -90,7 +95,7 @@ def refine(
         if not doublings.any():
             if top < 1 or error <= noise * noise:
                 break
-            doublings = _doublings(state, guide, error, _AIM * noise * noise or _SHARPEN * error, top)
+            doublings = _doublings(state, guide, noise * noise, top)
             if not doublings.any():
                 break
         state.wanted = state.level + doublings
@@ -99,7 +104,30 @@ def refine(
 
 def squared_error(state: Adaptive) -> float:
     """Of the picture, relative: the estimated mean over its pixels; infinite before all have two samples."""
-    return float((state.error * (state.decay / (1 - state.decay))[state.classes]).mean())
+    errors = _errors(state)
+    mean, noisy = errors.mean(), np.flatnonzero(errors > _NOISY)
+    if np.isfinite(mean) and len(noisy):
+        mean += ((_dimmers(state, noisy, errors[noisy]) - 1) * errors[noisy]).sum() / len(errors)
+    return float(mean)
+
+
+def _errors(state: Adaptive) -> NDArray[np.float64]:
+    """Of each pixel, squared, and relative to its own radiance."""
+    return np.asarray(state.error * (state.decay / (1 - state.decay))[state.classes])
+
+
+def _dimmers(state: Adaptive, noisy: NDArray[np.intp], errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The factors to errors relative to the true radiance, of noisy pixels.
+
+    A pixel that is too bright by chance hides its error behind its brightness. So it is held against the radiance that
+    is next to that of the other 15 pixels of its tile, among those that its own error allows.
+    """
+    tiles = np.minimum(noisy[:, None] // 16 * 16 + np.arange(16), len(state.count) - 1)
+    radiance = state.sums[0].mean(axis=0)[tiles] / np.maximum(state.count, 1)[tiles]
+    own = state.sums[0].mean(axis=0)[noisy] / np.maximum(state.count, 1)[noisy]
+    slack = _DEVIATIONS * np.sqrt(errors * (own * own + _RADIANCE_FLOOR))
+    likely = np.clip((radiance.sum(axis=1) - own) / 15, own - slack, own + slack)
+    return np.asarray((own * own + _RADIANCE_FLOOR) / (likely * likely + _RADIANCE_FLOOR))
 
 
 def summary(state: Adaptive) -> Refined:
@@ -153,6 +181,8 @@ def _add_block(state: Adaptive, done: NDArray[np.intp], nodes: list[tuple[int, i
             error = _relative(((sums[0] - new[0]) / (2 << level)) ** 2, (sums[0] + new[0]) / (2 << level))
             for row, weights in zip(state.falls, (before, error, None), strict=True):
                 row += np.bincount(classes, weights, len(row))
+            if level + 1 >= _STEADY_LEVEL:
+                error = (error + state.decay[classes] * before) / 2
         elif level:
             mean = new[0] / 2  # from a + b and a² + b²: (a − b)² / 4
             error = _relative(np.maximum(new[1] / 2 - mean * mean, 0.0), mean)
@@ -171,7 +201,7 @@ def _settle(state: Adaptive) -> None:
     """Ends a round: takes what it tells of how errors fall."""
     before, after, counted = state.falls
     known = (counted >= _DECAY_PIXELS) & (before > 0)
-    measured = np.clip(after[known] / before[known], *_DECAY_RANGE)
+    measured = np.clip(after[known] / before[known], np.array(_LEAST_DECAY)[known], _MOST_DECAY)
     # Every other doubling of a Sobol' sequence helps more. Rounded, as the last bits of sums tell where a render was
     # interrupted.
     state.decay[known] = np.round(np.sqrt(state.decay[known] * measured), 6)
@@ -184,13 +214,16 @@ def _second_doubling(state: Adaptive, top: int) -> NDArray[np.uint8]:
     return np.maximum(least, state.level) - state.level
 
 
-def _doublings(state: Adaptive, guide: Guide, error: float, target: float, top: int) -> NDArray[np.uint8]:
+def _doublings(state: Adaptive, guide: Guide, target: float, top: int) -> NDArray[np.uint8]:
     """How often each pixel doubles its samples next: half as often as the target seems to need, so that what looks good
-    or bad by chance is looked at again on the way. No pixel gets more than 2^top samples.
+    or bad by chance is looked at again on the way. No pixel gets more than 2^top samples. Where the target is met but
+    for what hides behind brightness, or there is none, a quarter of the squared error is aimed at.
 
     Pixels of the same class, level and gain (by which their variance falls for each sample of the next doubling) are
     alike: all but that gain is a matter of their numbers.
     """
+    error = float(_errors(state).mean())
+    target = _AIM * target if error > target else _SHARPEN * error
     decay, samples = state.decay[:, None], np.exp2(np.arange(top + 1))
     factors = samples ** -np.log2(decay)  # the variance of n samples falls as their inverse
     kinds = state.classes * np.uint8(top + 1) + state.level

@@ -16,7 +16,7 @@ LOW_GAIN, GAIN_BINS = -80.0, 88 * GAIN_STEPS  # logarithm of the first bin's low
 
 _PRIOR = 0.25  # weight of a class's mean, where a pixel next to another has 0.73
 _MARGIN = 2  # pixels around a picture
-_NAMES = ("plain", "edge", "penumbra", "unknown")  # PIXEL_… of types.h
+_NAMES = ("plain", "edge", "penumbra", "unknown", "light edge")  # PIXEL_… of types.h
 
 
 @dataclass(frozen=True)

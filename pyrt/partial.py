@@ -74,7 +74,7 @@ class Partial:
 
 # Of squared errors with twice the samples, by class of pixels, before it is measured: where all is smooth they fall as
 # n^−3, at edges as n^−1.5.
-_DECAY = (0.17, 0.3, 0.4, 0.4)
+_DECAY = (0.17, 0.3, 0.4, 0.4, 0.35)
 
 
 @dataclass

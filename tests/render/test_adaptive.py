@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 
 import pyrt
 from bench.scenes import ERROR_SCENES
-from pyrt.adaptive import FIRST_SAMPLES
+from pyrt.adaptive import FIRST_SAMPLES, summary
 from pyrt.cli import main
 from pyrt.guide import GAIN_BINS, GAIN_STEPS, LOW_GAIN, Guide
 from pyrt.layout import constants
+from pyrt.partial import Adaptive
 
 SIZE = (40, 40)
 TRUTH_SEEDS = (991, 992)
@@ -126,7 +128,25 @@ def test_the_stated_error_is_honest(scene, noise):
 
 def test_pixels_that_judge_themselves_state_too_little(monkeypatch):
     let_each_judge_itself(monkeypatch)
-    assert dishonesty("cornell", 0.003) > 4
+    assert dishonesty("cornell", 0.003) > 2.5
+
+
+def sparkling(pixels: int) -> tuple[Adaptive, float]:
+    """Four independent samples of pixels that all show 0.4, mostly 0.2 and sometimes 4.2; their true squared error."""
+    samples = np.full((3, 1), 0.2) + 4 * (np.random.default_rng(0).random((4, 1, pixels)) < 0.05)
+    state, mean = Adaptive.empty(pixels), samples.mean(axis=0)
+    apart = (samples[:2].mean(axis=0) - samples[2:].mean(axis=0)) ** 2 / 4
+    error = (apart / (mean**2 + 0.01)).mean(axis=0)
+    sums, count = np.array([samples.sum(axis=0), (samples**2).sum(axis=0)]), state.count + np.uint32(4)
+    made = replace(state, sums=sums, count=count, error=error, decay=np.full_like(state.decay, 0.5))
+    return made, float(((mean - 0.4) ** 2 / (0.4**2 + 0.01)).mean())
+
+
+def test_pixels_that_are_bright_by_chance_state_their_errors(monkeypatch):
+    state, true = sparkling(6400)
+    assert 1 / 1.5 < np.sqrt(true) / summary(state).noise < 1.5
+    monkeypatch.setattr("pyrt.adaptive._NOISY", np.inf)
+    assert np.sqrt(true) / summary(state).noise > 2
 
 
 def test_the_target_is_reached(renderer):
@@ -158,7 +178,8 @@ def test_the_bias_of_pixels_that_judge_themselves_is_seen(monkeypatch):
 def test_statistics_tell_the_samples_of_each_class(renderer):
     result = renderer.render(seed=5, size=SIZE, noise=0.003)
     pixels = result.stats["pixels"]
-    assert list(pixels) == ["plain", "edge", "penumbra", "unknown"]
+    assert list(pixels) == ["plain", "edge", "penumbra", "unknown", "light edge"]
+    assert not pixels.pop("light edge"), "the light is a point"
     values, counts = np.unique(result.samples, return_counts=True)
     for value, count in zip(values, counts, strict=True):
         assert sum(kind.get(str(value), 0) for kind in pixels.values()) == count
@@ -169,9 +190,18 @@ def test_statistics_tell_the_samples_of_each_class(renderer):
     assert average["edge"] > 4 * average["plain"]
 
 
+def test_edges_of_lights_are_known():
+    result = scene_renderer("area light room").render(size=SIZE, noise=0.1)
+    bright = result.image.max(axis=2) > 2
+    rim = sum(np.roll(bright, step, axis) for step in (-1, 1) for axis in (0, 1)).astype(bool) & ~bright
+    edges = sum(result.stats["pixels"]["light edge"].values())
+    assert 0.3 * rim.sum() < edges < 2 * rim.sum()
+    assert min(map(int, result.stats["pixels"]["light edge"])) >= 32
+
+
 def test_without_beams_all_pixels_are_unknown():
     result = pyrt.Renderer(ERROR_SCENES["cornell"](), beams=False).render(size=(16, 16), noise=0.05)
-    assert [len(kind) > 0 for kind in result.stats["pixels"].values()] == [False, False, False, True]
+    assert [len(kind) > 0 for kind in result.stats["pixels"].values()] == [False, False, False, True, False]
 
 
 @pytest.mark.parametrize("name", ["PLAIN", "UNKNOWN"])
