@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from functools import cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,9 @@ from pyrt.scene import Scene
 
 # What a render may choose anew, and what only messages use: no sample depends on these.
 _LEFT_OUT = {"film", "spp", "name", "warnings"}
+_NUMBERS = {float, int, bool}
+
+_Kind = tuple[Any, ...]
 
 
 def scene_hash(scene: Scene) -> str:
@@ -22,33 +27,66 @@ def scene_hash(scene: Scene) -> str:
     mesh or texture file changes it; it leaves out the film's size, the scene's `spp`, names and warnings.
     """
     digest = hashlib.sha256()
-    for part in _parts(scene):
+    for part in _parts([scene]):
         digest.update(part)
     return digest.hexdigest()
 
 
-def _parts(value: Any) -> Iterator[bytes | memoryview]:
-    """An encoding that no two different values share: each kind begins with a letter, and what varies with a length."""
-    if value is None:
-        yield b"0"
-    elif isinstance(value, bool | int | float | np.number):
-        yield b"n" + float(value).hex().encode() + b";"
-    elif isinstance(value, str):
-        text = value.encode("utf-8", "surrogatepass")
-        yield b"s%d:" % len(text) + text
-    elif isinstance(value, tuple):
-        yield b"t%d:" % len(value)
-        for item in value:
-            yield from _parts(item)
-    elif isinstance(value, np.ndarray):
-        array = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
-        yield f"a{array.dtype.str}{value.shape}:".encode()
-        yield array.reshape(-1).view(np.uint8).data
-    elif is_dataclass(value):
-        names = [field.name for field in fields(value) if field.name not in _LEFT_OUT]
-        yield f"d{type(value).__name__}{len(names)}:".encode()
-        for name in names:
-            yield from _parts(name)
-            yield from _parts(getattr(value, name))
+def _parts(values: list[Any]) -> Iterator[bytes | memoryview]:
+    """An encoding that no two different lists of one length share.
+
+    It tells the kind of each value, and then what those of each kind hold, field by field: a million spheres are some
+    arrays of numbers.
+    """
+    groups: dict[_Kind, list[Any]] = {}
+    if set(map(type, values)) <= _NUMBERS:
+        groups["number",] = values
     else:
-        raise TypeError(f"a scene holds a {type(value).__name__}")
+        kinds = [_kind(value) for value in values]
+        groups = {kind: [] for kind in kinds}
+        for kind, value in zip(kinds, values, strict=True):
+            groups[kind].append(value)
+    yield f"{list(groups)}:".encode()
+    if len(groups) > 1:
+        number = {kind: i for i, kind in enumerate(groups)}
+        yield np.array([number[kind] for kind in kinds], "<u4").data
+    for kind, group in groups.items():
+        yield from _contents(kind, group)
+
+
+def _kind(value: Any) -> _Kind:
+    """The type, and the size of what has one."""
+    name = _type_name(value.__class__)
+    if name == "tuple":
+        return name, len(value)
+    if name == "array":
+        return name, value.dtype.newbyteorder("<").str, value.shape
+    return (name,)
+
+
+@cache
+def _type_name(kind: type) -> str:
+    if issubclass(kind, bool | int | float | np.number):
+        return "number"
+    known = {type(None): "none", str: "text", tuple: "tuple", np.ndarray: "array"}
+    if kind not in known and not is_dataclass(kind):
+        raise TypeError(f"a scene holds a {kind.__name__}")
+    return known.get(kind, f"data {kind.__name__}")
+
+
+def _contents(kind: _Kind, values: list[Any]) -> Iterator[bytes | memoryview]:
+    """What values of one kind hold."""
+    if kind[0] == "number":
+        yield np.array(values, "<f8").data
+    elif kind[0] == "text":
+        for text in (value.encode("utf-8", "surrogatepass") for value in values):
+            yield b"%d:" % len(text) + text
+    elif kind[0] == "tuple":
+        yield from _parts(list(chain.from_iterable(values)))
+    elif kind[0] == "array":
+        for array in values:
+            yield np.ascontiguousarray(array, kind[1]).reshape(-1).view(np.uint8).data
+    elif kind[0].startswith("data"):
+        for field in fields(values[0]):
+            if field.name not in _LEFT_OUT:
+                yield from _parts([getattr(value, field.name) for value in values])

@@ -20,7 +20,7 @@ from pyrt.errors import SceneError, UsageError
 from pyrt.files import check_file
 from pyrt.geometry import unit
 from pyrt.image_io import read_texture
-from pyrt.loading import Loading
+from pyrt.loading import Loading, uncollected
 from pyrt.model import Model
 from pyrt.model_io import is_model, load_model
 from pyrt.scene_camera import camera_faults, camera_from
@@ -35,6 +35,7 @@ _EXAMPLE = "example:"
 _BLACK = np.zeros((1, 1, 3), np.float32)
 
 
+@uncollected()
 def load_scene(
     source: Source,
     *,

@@ -22,14 +22,19 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     content = read_bytes(path)
     faults: list[str] = []
+    printable: set[str] = set()  # most objects have the keys of others
 
     def checked(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        entry = dict(pairs)
+        if len(entry) == len(pairs) and printable.issuperset(entry):
+            return entry
         for key, count in Counter(key for key, _ in pairs).items():
             if count > 1:
                 faults.append(f"{path}: the key {quote(key)} occurs {count} times in one object")
             if not key.isprintable():
                 faults.append(f"{path}: the key {key!a} holds characters that cannot be printed")
-        return dict(pairs)
+        printable.update(filter(str.isprintable, entry))
+        return entry
 
     try:
         raw = json.loads(content.decode("utf-8-sig"), object_pairs_hook=checked)
