@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -57,7 +56,8 @@ def rectangle_corners(rectangle: Rectangle) -> NDArray[np.float64]:
 
 def _rectangles_corners(rectangles: Sequence[Rectangle]) -> NDArray[np.float64]:
     """The same of k rectangles, as a (k, 4, 3) array."""
-    c, e1, e2 = np.array([(r.center, r.edge1, r.edge2) for r in rectangles], np.float64).transpose(1, 0, 2)
+    vectors = np.array([(r.center, r.edge1, r.edge2) for r in rectangles], np.float64)
+    c, e1, e2 = vectors.reshape(-1, 3, 3).transpose(1, 0, 2)
     low = c - 0.5 * e1 - 0.5 * e2
     return np.stack([low, low + e1, low + e1 + e2, low + e2], axis=1)
 
@@ -67,15 +67,13 @@ def gather_triangles(scene: Scene) -> Triangles:
     count = sum(_triangle_count(shape) for shape in scene.shapes)
     corners, shapes, sources = np.empty((count, 3, 3)), np.empty(count, np.int32), np.empty(count, np.int32)
     end = 0
-    for index, group in _runs(scene.shapes):
-        first, each = end, max(_triangle_count(group[0]), 1)
-        for start, part in _corner_parts(group):
+    for batch in _batches(scene.shapes):
+        first, shape = end, batch[0][1]
+        for of_shape, source, part in _corner_parts(batch):
             keep = np.flatnonzero(valid_triangles(part))
             kept = slice(end, end := end + len(keep))
-            corners[kept] = part[keep]
-            keep += start
-            shapes[kept], sources[kept] = index + keep // each, keep % each
-        if isinstance(group[0], Mesh) and group[0].radiance is not None:
+            corners[kept], shapes[kept], sources[kept] = part[keep], of_shape[keep], source[keep]
+        if isinstance(shape, Mesh) and shape.radiance is not None:
             order = _canonical_order(corners[first:end])
             corners[first:end], sources[first:end] = corners[first:end][order], sources[first:end][order]
     return Triangles(corners[:end], shapes[:end], sources[:end], count - end)
@@ -85,27 +83,40 @@ def _triangle_count(shape: Shape) -> int:
     return len(shape.triangles) if isinstance(shape, Mesh) else 2 * isinstance(shape, Rectangle)
 
 
-def _runs(shapes: Sequence[Shape]) -> Iterator[tuple[int, list[Shape]]]:
-    """Shapes made of triangles, and the index of the first: a mesh alone, and rectangles with those that follow, since
-    numpy takes as long for one as for a hundred."""
-    start = 0
-    for kind, group in groupby(shapes, type):
-        run = list(group)
-        if kind is Rectangle:
-            yield start, run
-        elif kind is Mesh:
-            yield from ((index, [mesh]) for index, mesh in enumerate(run, start))
-        start += len(run)
+def _batches(shapes: Sequence[Shape]) -> Iterator[list[tuple[int, Shape]]]:
+    """The shapes that are made of triangles, and the index of each: a large mesh or one that is a light alone, and many
+    small shapes together, since numpy takes as long for one triangle as for a hundred."""
+    batch: list[tuple[int, Shape]] = []
+    room = _PART
+    for index, shape in enumerate(shapes):
+        count = _triangle_count(shape)
+        alone = isinstance(shape, Mesh) and shape.radiance is not None
+        if batch and (count > room or alone):
+            yield batch
+            batch, room = [], _PART
+        if count:
+            batch.append((index, shape))
+            room = 0 if alone else room - count
+    if batch:
+        yield batch
 
 
-def _corner_parts(run: Sequence[Shape]) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Corners (k, 3, 3) of the run's triangles in parts, and which is the first one's number in the run."""
-    if isinstance(run[0], Mesh):
-        for part in parts(len(run[0].triangles)):
-            yield part.start, run[0].vertices[run[0].triangles[part]]
-    else:
-        corners = _rectangles_corners([shape for shape in run if isinstance(shape, Rectangle)])
-        yield 0, corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+def _corner_parts(
+    batch: list[tuple[int, Shape]],
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.float64]]]:
+    """The batch's triangles in parts: (k,) index of the shape, (k,) number within the shape, (k, 3, 3) corners."""
+    if len(batch) == 1 and isinstance(mesh := batch[0][1], Mesh):
+        for part in parts(len(mesh.triangles)):
+            source = np.arange(part.start, part.stop)
+            yield np.full(len(source), batch[0][0], np.int32), source, mesh.vertices[mesh.triangles[part]]
+        return
+    rectangles = _rectangles_corners([shape for _, shape in batch if isinstance(shape, Rectangle)])
+    halves = iter(rectangles[:, [[0, 1, 2], [0, 2, 3]]])
+    corners = [s.vertices[s.triangles] if isinstance(s, Mesh) else next(halves) for _, s in batch]
+    counts = [len(c) for c in corners]
+    of_shape = np.repeat(np.array([index for index, _ in batch], np.int32), counts)
+    source = np.arange(len(of_shape)) - np.repeat(np.cumsum([0, *counts[:-1]]), counts)
+    yield of_shape, source, np.concatenate(corners)
 
 
 def _canonical_order(corners: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -182,9 +193,10 @@ def normalisation(points: NDArray[np.float64], spheres: list[Sphere]) -> Normali
     moves the centre by exactly as much.
     """
     low, high = ([extreme] for extreme in extremes(points)) if len(points) else ([], [])
-    for sphere in spheres:
-        low.append(np.subtract(sphere.center, sphere.radius))
-        high.append(np.add(sphere.center, sphere.radius))
+    if spheres:
+        centers, radii = np.array([s.center for s in spheres]), np.array([[s.radius] for s in spheres])
+        low.append((centers - radii).min(axis=0))
+        high.append((centers + radii).max(axis=0))
     if not low:
         return Normalisation(np.zeros(3), 1.0)
     lo, hi = np.min(low, axis=0), np.max(high, axis=0)

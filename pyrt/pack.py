@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import groupby
 from time import perf_counter
 from typing import Any
 
@@ -182,13 +183,17 @@ def _corner_index(scene: Scene, triangles: Triangles) -> NDArray[np.int32]:
 def _pack_corners(scene: Scene, triangles: Triangles) -> NDArray[Any]:
     """Attributes of the triangles that have some which matter."""
     having = _with_corners(scene)
-    out = np.empty(np.count_nonzero(having[triangles.shape]), dtypes()["Corners"])
-    end = 0
-    for i in np.flatnonzero(having):
-        source = triangles.source[triangles.of_shape(int(i))]
-        for part in parts(len(source)):
-            out[end + part.start : end + part.stop] = shape_corners(scene.shapes[i], source[part])
-        end += len(source)
+    mine = having[triangles.shape]
+    source = triangles.source[mine]
+    starts = np.searchsorted(triangles.shape[mine], np.arange(len(having) + 1))
+    out = np.empty(len(source), dtypes()["Corners"])
+    for rectangles, run in groupby(np.flatnonzero(having), lambda i: isinstance(scene.shapes[i], Rectangle)):
+        together = list(run)
+        for i in [together] if rectangles else ([i] for i in together):  # those of rectangles are all alike
+            first, end = starts[i[0]], starts[i[-1] + 1]
+            for part in parts(end - first):
+                rows = slice(first + part.start, first + part.stop)
+                out[rows] = shape_corners(scene.shapes[i[0]], source[rows])
     return out
 
 
