@@ -9,9 +9,13 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from pyrt.errors import SceneError
+from pyrt.errors import PyrtError, SceneError
 from pyrt.files import read_bytes
+from pyrt.room import available
 from pyrt.schema_errors import CONTAINERS, quote, suggestion
+
+_EXPANSION = 8  # bytes of memory for one in the file, measured with lists of objects
+_UNASKED = 1 << 20  # bytes of a file: to ask how much memory there is takes longer than to read it
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -19,7 +23,9 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     Raises:
         SceneError: unreadable file, not UTF-8, not JSON (with line and column), repeated keys, not an object.
+        PyrtError: it would not fit into memory.
     """
+    _require_room(path)
     content = read_bytes(path)
     faults: list[str] = []
     printable: set[str] = set()  # most objects have the keys of others
@@ -53,6 +59,13 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise SceneError(f"{path}: expected a JSON object, got {quote(raw)}")
     return raw
+
+
+def _require_room(path: str | os.PathLike[str]) -> None:
+    size = os.path.getsize(path) if os.path.isfile(path) else 0
+    if size > _UNASKED and size * _EXPANSION > (free := available()):
+        need = f"{size * _EXPANSION / 2**30:.3g} GiB of free memory to read {size >> 20} MiB of JSON"
+        raise PyrtError(f"{path}: expected about {need}, found {free / 2**30:.3g} GiB")
 
 
 def plain(value: Any) -> Any:
