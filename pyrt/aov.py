@@ -60,7 +60,7 @@ _GEOMETRY = frozenset({"z", "distance", "position", "normal", "uv", "object", "t
 
 def check_aovs(names: Iterable[str]) -> tuple[str, ...]:
     """The names, each once. Raises UsageError for one that is not in AOVS."""
-    unique = tuple(dict.fromkeys(names))
+    unique = tuple(dict.fromkeys([names] if isinstance(names, str) else names))
     for name in unique:
         if name not in AOVS:
             raise UsageError(f'aov: expected some of {", ".join(AOVS)}, got "{name}"')

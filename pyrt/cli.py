@@ -6,6 +6,7 @@ Each verb lives in one of the `cli_*` modules: its options, its examples, and th
 from __future__ import annotations
 
 import argparse
+import gc
 import io
 import os
 import re
@@ -39,6 +40,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return status or int(bool(unwritten))
 
 
+def start() -> int:
+    """`main` for a process that ends then."""
+    status = main()
+    gc.freeze()  # else Python would look through all objects several times before it leaves, for 0.05 s
+    return status
+
+
 def _finished(words: list[str]) -> int:
     """Runs the command; returns its exit code, of an error too."""
     try:
@@ -69,7 +77,8 @@ def _run(words: list[str]) -> int:
     if words[0] in verbs:
         _check_options(verbs[words[0]], words[1:])
     elif not words[0].startswith("-"):
-        parser.error(f'no verb "{words[0]}"{nearest(words[0], verbs)}')
+        found = "; did you mean pyrt render?" if os.path.exists(words[0]) else nearest(words[0], verbs)
+        parser.error(f'no verb "{words[0]}"{found}')
     args = parser.parse_args(words)
     if any(value == [] or (isinstance(value, list) and [] in value) for value in vars(args).values()):
         parser.error("an option has the value --")  # `--spp=--`, which Python's argparse before 3.13 takes for []
@@ -79,7 +88,7 @@ def _run(words: list[str]) -> int:
 
 def _check_options(parser: argparse.ArgumentParser, words: list[str]) -> None:
     """Refuses unknown options before argparse does, with the nearest one that there is."""
-    known = set(re.findall(r"--[\w-]+", parser.format_help()))
+    known = set(re.findall(r"^  (?:-\w[^-]*, )?(--[\w-]+)", parser.format_help(), re.MULTILINE))
     for word in words[: words.index("--")] if "--" in words else words:
         name = word.partition("=")[0]
         if name.startswith("--") and name not in known:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pyrt.cli_options import Verbs, add_verb, warn
+from pyrt.cli_options import Verbs, add_display, add_verb, check_outputs, warn
 
 _EXAMPLES = """\
   pyrt render scene.json --denoise                               the same while rendering: scene.exr and scene.png
@@ -20,17 +20,17 @@ def add_verbs(verbs: Verbs) -> None:
     parser = add_verb(verbs, "denoise", "IN", _denoise, text, _EXAMPLES)
     parser.add_argument("input", metavar="IN", help="an EXR file, best with denoising_albedo and denoising_normal")
     parser.add_argument("-o", "--output", metavar="OUT", required=True, help="picture to write, format by extension")
-    parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
+    add_display(parser)
 
 
 def _denoise(args: argparse.Namespace) -> int:
     from pyrt.denoise import denoised, require_denoiser, stored_guides
     from pyrt.exr_state import stored_state
     from pyrt.image_file import read_exr
-    from pyrt.image_io import check_output, write_image
+    from pyrt.image_io import write_image
 
     require_denoiser()
-    check_output(args.output, args.exposure)
+    check_outputs([args.output], args)
     layers = read_exr(args.input)
     guides = stored_guides(layers.planes)
     if guides is None:
@@ -45,6 +45,7 @@ def _denoise(args: argparse.Namespace) -> int:
         args.output,
         layers.pixels if exr else clean,
         exposure=args.exposure,
+        view=args.view,
         metadata=layers.metadata,
         planes=planes,
         half=layers.half,

@@ -6,7 +6,7 @@ import argparse
 import json
 from contextlib import suppress
 
-from pyrt.cli_options import Verbs, add_scene, add_verb, load, nearest, say, warn
+from pyrt.cli_options import Verbs, add_scene, add_verb, load, nearest, number, say, warn, whole
 from pyrt.errors import UsageError
 
 _VIEW_SPP = 16
@@ -35,8 +35,8 @@ def _add_view(verbs: Verbs) -> None:
     text = "show a picture, or a quick rendering of a scene, in the terminal"
     parser = add_verb(verbs, "view", "FILE|SCENE", _view, text, _VIEW_EXAMPLES)
     add_scene(parser, "FILE|SCENE", "a picture, a scene file, or example:NAME")
-    parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten by 2^STOPS")
-    parser.add_argument("--spp", type=int, metavar="N", help=f"samples per pixel of a scene (default: {_VIEW_SPP})")
+    parser.add_argument("--exposure", type=number, default=0.0, metavar="STOPS", help="brighten by 2^STOPS")
+    parser.add_argument("--spp", type=whole, metavar="N", help=f"samples per pixel of a scene (default: {_VIEW_SPP})")
     parser.add_argument("--device", metavar="NAME", help="OpenCL device for a scene (see: pyrt devices)")
 
 
@@ -48,7 +48,7 @@ def _add_diff(verbs: Verbs) -> None:
     ):
         parser.add_argument(name, metavar=name.upper(), help=f"{text}; R, G and B are compared, as linear light")
     parser.add_argument("-o", "--output", metavar="FILE", help="write |A - B| as a picture, format by extension")
-    parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten that PNG by 2^STOPS")
+    parser.add_argument("--exposure", type=number, default=0.0, metavar="STOPS", help="brighten that PNG by 2^STOPS")
     parser.add_argument(
         "--fail-above",
         metavar="MEASURE=VALUE",

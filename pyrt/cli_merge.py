@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pyrt.cli_options import Verbs, add_verb, say, warn
+from pyrt.cli_options import Verbs, add_display, add_verb, check_outputs, say, warn
 
 _EXAMPLES = """\
   pyrt render scene.json --samples 0:512 -o a.exr        on one machine ...
@@ -26,20 +26,18 @@ def add_verbs(verbs: Verbs) -> None:
         required=True,
         help="picture to write, format by extension; may be repeated; an .exr can be merged and continued in turn",
     )
-    parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
+    add_display(parser)
 
 
 def _merge(args: argparse.Namespace) -> int:
     from pyrt.farm import merge
-    from pyrt.image_io import check_output
 
-    for path in args.output:
-        check_output(path, args.exposure)
+    check_outputs(args.output, args)
     result = merge(args.parts)
     if left_out := result.stats["left_out"]:
         warn(f"{', '.join(left_out)}: left out, as they are of single parts; pyrt denoise makes them of the whole")
     for path in args.output:
-        for text in result.save(path, exposure=args.exposure):
+        for text in result.save(path, exposure=args.exposure, view=args.view):
             warn(text)
     say(f"{', '.join(args.output)}: {result.samples.max()} samples per pixel")
     return 0

@@ -10,6 +10,8 @@ from contextlib import suppress
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
+from pyrt.errors import UsageError
+
 if TYPE_CHECKING:
     from pyrt.scene import Scene
 
@@ -61,6 +63,28 @@ def add_scene(
     )
 
 
+def add_display(parser: Any) -> None:
+    """Adds --exposure and --view, which `check_outputs` checks; to a parser or a group of it."""
+    parser.add_argument(
+        "--exposure", type=number, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS"
+    )
+    parser.add_argument(
+        "--view", metavar="NAME", help="how PNG and JPEG show what is brighter than white: aces, srgb or raw"
+    )
+
+
+def check_outputs(paths: list[str], args: argparse.Namespace) -> None:
+    """Raises UsageError unless all these files can be written, and --exposure and --view have one that they are for."""
+    from pyrt.image_io import check_output, is_display
+
+    for path in paths:
+        check_output(path, args.exposure, args.view)
+    if (args.exposure or args.view) and paths and not any(map(is_display, paths)):
+        raise UsageError(
+            f"--exposure, --view: expected an output ending in .png or .jpg; {paths[0]} holds the light as it is"
+        )
+
+
 def load(args: argparse.Namespace) -> Scene:
     """The scene that the options name; its warnings go to stderr."""
     from pyrt.scene_io import load_scene
@@ -92,6 +116,22 @@ def nearest(name: str, valid: Iterable[str]) -> str:
 
 
 # --- types of values --------------------------------------------------------------------------------------------------
+
+
+def whole(text: str) -> int:
+    """64 → 64."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected a whole number, got "{text}"') from None
+
+
+def number(text: str) -> float:
+    """0.01 → 0.01."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected a number, got "{text}"') from None
 
 
 def size(text: str) -> tuple[int, int]:

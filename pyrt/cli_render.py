@@ -6,7 +6,22 @@ import argparse
 import os
 from typing import TYPE_CHECKING, Any
 
-from pyrt.cli_options import Verbs, add_scene, add_verb, crop, load, sample_range, say, seconds, size, warn
+from pyrt.cli_options import (
+    Verbs,
+    add_display,
+    add_scene,
+    add_verb,
+    check_outputs,
+    crop,
+    load,
+    number,
+    sample_range,
+    say,
+    seconds,
+    size,
+    warn,
+    whole,
+)
 from pyrt.cli_report import plan, summarise, write_stats
 from pyrt.errors import UsageError
 from pyrt.signals import stop_requests
@@ -66,10 +81,7 @@ def _add_picture_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--denoise", action="store_true", help="remove the noise (needs the package pyoidn); EXR files hold both"
     )
-    group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="brighten PNG and JPEG by 2^STOPS")
-    group.add_argument(
-        "--view", metavar="NAME", help="how PNG and JPEG show what is brighter than white: aces, srgb or raw"
-    )
+    add_display(group)
     group.add_argument("--float", action="store_true", help="32 bits for the colours of EXR files, not 16")
     group.add_argument("--no-clobber", action="store_true", help="refuse to replace a file")
     group.add_argument("--dry-run", action="store_true", help="check everything and say what would be done, no more")
@@ -78,10 +90,10 @@ def _add_picture_options(parser: argparse.ArgumentParser) -> None:
 def _add_sampling_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("samples", "The first limit reached, of --spp, --noise and --time, ends it.")
     group.add_argument(
-        "--spp", type=int, metavar="N", help="samples per pixel (default: the scene's; none with --noise or --time)"
+        "--spp", type=whole, metavar="N", help="samples per pixel (default: the scene's; none with --noise or --time)"
     )
     group.add_argument(
-        "--noise", type=float, metavar="E", help="stop at this estimated relative error (r.m.s.), such as 0.01"
+        "--noise", type=number, metavar="E", help="stop at this estimated relative error (r.m.s.), such as 0.01"
     )
     group.add_argument(
         "--time",
@@ -95,7 +107,7 @@ def _add_sampling_options(parser: argparse.ArgumentParser) -> None:
         metavar="A:B",
         help="render only the samples A ... B-1 of each pixel, for pyrt merge",
     )
-    group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the sample points (default: 0)")
+    group.add_argument("--seed", type=whole, default=0, metavar="N", help="seed of the sample points (default: 0)")
 
 
 def _add_running_options(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +125,7 @@ def _add_running_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--resume", action="store_true", help="go on from the first .exr, if it is there; the bits will be the same"
     )
-    group.add_argument("--threads", type=int, metavar="N", help="so many of the processor's cores (default: all)")
+    group.add_argument("--threads", type=whole, metavar="N", help="so many of the processor's cores (default: all)")
     group.add_argument("--stats", metavar="FILE", help="write times and counts as JSON; - for standard output")
     group.add_argument(
         "--progress",
@@ -216,12 +228,11 @@ def _checkpoint(args: argparse.Namespace, outputs: list[str]) -> str | None:
 
 def _check_outputs(paths: list[str], args: argparse.Namespace) -> None:
     from pyrt.files import check_target
-    from pyrt.image_io import check_output
 
     if args.stats and args.stats != "-":
         check_target(args.stats)
+    check_outputs(paths, args)
     for path in paths:
-        check_output(path, args.exposure, args.view)
         if args.no_clobber and os.path.exists(path):
             raise UsageError(f"{path}: exists already, and --no-clobber forbids to replace it")
 
@@ -231,7 +242,7 @@ def _check_channels(args: argparse.Namespace) -> None:
     from pyrt.denoise import require_denoiser
 
     check_aovs(args.aov)
-    if args.aov and args.output and not any(path.lower().endswith(".exr") for path in args.output):
-        raise UsageError("--aov: expected an output ending in .exr, which has room for more channels")
+    if (args.aov or args.float) and args.output and not any(path.lower().endswith(".exr") for path in args.output):
+        raise UsageError("--aov, --float: expected an output ending in .exr, which has room for more")
     if args.denoise:
         require_denoiser()

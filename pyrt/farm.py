@@ -36,6 +36,8 @@ def merge(paths: Sequence[str | os.PathLike[str]]) -> Result:
         UsageError: a file is damaged or of another kind, they are not of one picture on one kind of device, their
             samples overlap or leave a gap, or their AOVs differ.
     """
+    if isinstance(paths, str | os.PathLike):
+        raise UsageError(f"merge: expected a list of files, got the single name {paths}")
     names = [os.fspath(path) for path in paths]
     if not names or len(set(names)) < len(names):
         raise UsageError(f"expected different files to merge, got {', '.join(names) or 'none'}")

@@ -168,12 +168,17 @@ def check_output(path: str | os.PathLike[str], exposure: float = 0.0, view: str 
     target = Path(path)
     extensions = sorted(_DISPLAY | _LINEAR)
     if target.suffix.lower() not in extensions:
-        raise UsageError(f"{path}: expected a name ending in {', '.join(extensions)}")
+        raise UsageError(f"{os.fspath(path) or 'output'}: expected a name ending in {', '.join(extensions)}")
     if not is_utf8(os.path.realpath(target)):
         raise UsageError(f"{path}: expected a name, in folders, that can be written as UTF-8")
     check_target(path)
     check_exposure(exposure)
     check_view(view)
+
+
+def is_display(path: str | os.PathLike[str]) -> bool:
+    """Whether the name's extension is of a format that holds pictures as displays show them."""
+    return Path(path).suffix.lower() in _DISPLAY
 
 
 def check_exposure(exposure: float) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from pyrt.device import Device
 from pyrt.device_scene import DeviceScene
 from pyrt.doctor import open_device
+from pyrt.errors import UsageError
 from pyrt.memory import estimate
 from pyrt.passes import PASS_SAMPLES
 from pyrt.picture import render_picture
@@ -29,6 +30,7 @@ class Renderer:
         progress: called with a dict at each stage ("build", "compile", then as for `render`).
 
     Raises:
+        UsageError: `scene` is something else, such as a file's name.
         DeviceError: no device can be used, or the scene does not fit it.
     """
 
@@ -42,6 +44,8 @@ class Renderer:
         build_flags: tuple[str, ...] = (),
         progress: Progress | None = None,
     ):
+        if not isinstance(scene, Scene):
+            raise UsageError(f"scene: expected what load_scene returns, got {type(scene).__name__}")
         self.scene = scene
         self._progress = progress or (lambda event: None)
         estimate(scene).require(scene.name)

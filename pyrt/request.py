@@ -6,14 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from pyrt.aov import check_aovs
 from pyrt.denoise import require_denoiser
 from pyrt.errors import UsageError
 from pyrt.passes import PASS_SAMPLES
 from pyrt.scene import Scene
-from pyrt.settings import Window, check_whole, crop_window
+from pyrt.settings import Window, check_number, check_whole, crop_window, pair
 
 _MAX_SAMPLES = 1 << 16  # of a pixel, where noise or time is the limit and spp is not given
 
@@ -78,10 +76,10 @@ def request_for(
         spp=spp if spp is not None else _MAX_SAMPLES if limited else scene.spp,
         extend=spp is not None or samples is not None,
         seed=seed,
-        window=crop_window(crop, *(size or (scene.film.width, scene.film.height))),
+        window=crop_window(crop, *(pair("size", size) if size is not None else (scene.film.width, scene.film.height))),
         noise=noise,
         time_limit=time_limit,
-        samples=samples,
+        samples=None if samples is None else pair("samples", samples),
         checkpoint=checkpoint,
         checkpoint_every=checkpoint_every,
         resume=resume,
@@ -99,15 +97,14 @@ def _check(request: Request) -> None:
     check_whole("seed", request.seed, 0, 2**32 - 1)
     check_whole("pass_samples", request.pass_samples, 1, 2**28)
     for name, limit in (("noise", request.noise), ("time_limit", request.time_limit)):
-        if limit is not None and not 0 < limit < np.inf:
-            raise UsageError(f"{name}: expected a number > 0, got {limit!r}")
+        if limit is not None:
+            check_number(name, limit)
     samples, checkpoint, every = request.samples, request.checkpoint, request.checkpoint_every
     if samples is not None and request.adaptive:
         raise UsageError("samples: expected no noise target or time limit beside a range of samples")
     if samples is not None and not 0 <= samples[0] < samples[1] <= 2**30:
         raise UsageError(f"samples: expected 0 <= first < end <= 2^30, got {samples[0]}:{samples[1]}")
-    if not 0 <= every < np.inf:
-        raise UsageError(f"checkpoint_every: expected a number of seconds >= 0, got {every!r}")
+    check_number("checkpoint_every", every, zero=True)
     if checkpoint is not None and Path(checkpoint).suffix.lower() != ".exr":
         raise UsageError(f"{checkpoint}: expected a name ending in .exr, the format that can hold a checkpoint")
     if request.denoise:

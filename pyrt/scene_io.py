@@ -27,6 +27,7 @@ from pyrt.scene_camera import camera_faults, camera_from
 from pyrt.scene_json import override, plain, read_json
 from pyrt.scene_objects import read_shapes
 from pyrt.schema_errors import json_path, quote, suggestion, validate
+from pyrt.settings import pair
 from pyrt.studio import completed
 
 Source = str | os.PathLike[str] | Mapping[str, Any] | Model
@@ -58,6 +59,7 @@ def load_scene(
     Raises:
         SceneError: with one sentence per problem, each starting with the file and the JSON path.
     """
+    film_size = (0, 0) if size is None else pair("size", size)
     raw, loading, name = _open(source, base_dir)
     for path, value in (overrides or {}).items():
         try:
@@ -68,7 +70,7 @@ def load_scene(
     loading.problems += [f"{loading.place}: {problem}" for problem in problems]
     result = _scene(loading, raw, model, name)
     if loading.model is not None and not loading.problems and any(model.camera.ref_up):
-        film = scene.Film(*size) if size is not None and min(size) > 0 else result.film
+        film = scene.Film(*film_size) if min(film_size) > 0 else result.film
         has_camera = "position" in loading.model.raw["camera"] or "matrix" in loading.model.raw["camera"]
         lit = _has_lights(model, result.shapes)
         result = completed(replace(result, film=film), model.camera.model_fields_set, has_camera, lit)

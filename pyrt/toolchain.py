@@ -17,6 +17,7 @@ folder, under a name made of the linker's path, size and time. There is no need 
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import re
 import shlex
@@ -33,6 +34,7 @@ from pyrt.errors import DeviceError, UsageError
 
 _PREFIX = "pyrt-ld-"
 _ROOM = 2**24  # bytes free for compiled kernels; those of a scene take less than 1 MiB
+_FILE = 2**22  # bytes of one file of theirs, or more
 
 _SCRIPT = """#!/bin/sh
 # Made by pyrt: links PoCL's kernels without libraries and hands every other command on.
@@ -76,10 +78,11 @@ def limit_threads(count: int) -> None:
     """Make PoCL use so many threads in this process: call it before the first look for platforms, which reads this.
 
     Raises:
-        UsageError: not even one.
+        UsageError: not even one, or more than the machine has cores.
     """
-    if count < 1:
-        raise UsageError(f"threads: expected a whole number > 0, got {count}")
+    cores = os.cpu_count() or count
+    if not 1 <= count <= cores:
+        raise UsageError(f"threads: expected a whole number from 1 to {cores}, as many as there are cores, got {count}")
     os.environ["POCL_MAX_PTHREAD_COUNT"] = os.environ["POCL_CPU_MAX_CU_COUNT"] = str(count)  # PoCL 3 and 4, and 5 on
 
 
@@ -104,8 +107,13 @@ def ensure_cache() -> None:
     fails; where the disk is full, PoCL's compiler aborts the process. Then a folder of this process alone serves.
 
     Raises:
-        DeviceError: the temporary folder is no better.
+        DeviceError: the temporary folder is no better, or files of this process may not be large enough anywhere.
     """
+    if (limit := _file_limit()) < _FILE:
+        raise DeviceError(
+            f"no room for compiled kernels: files of this process may have {limit} bytes, expected {_FILE} or more; "
+            f"run: ulimit -f {_FILE >> 10}"
+        )
     folders = {"XDG_CACHE_HOME": _cache_home(), "POCL_CACHE_DIR": os.environ.get("POCL_CACHE_DIR")}
     unfit = [name for name, folder in folders.items() if folder and not _has_room(Path(folder))]
     if not unfit:
@@ -120,6 +128,16 @@ def ensure_cache() -> None:
             f"be written to; expected {_ROOM >> 20} MiB free in one of them"
         )
     os.environ.update(dict.fromkeys(unfit, str(private)))
+
+
+def _file_limit() -> float:
+    """Bytes that a file may have which this process writes."""
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def _has_room(folder: Path) -> bool:

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 import trimesh
 
+import pyrt
 from pyrt.cli import main
+from pyrt.errors import UsageError
 from pyrt.image_io import write_image
+from pyrt.request import request_for
+from pyrt.scene import Scene
 
 SCENE = {
     "camera": {"position": [0, 0, 4]},
@@ -94,6 +98,19 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("view cut.exr", 2, "cut.exr: not a readable image: "),
         ("view gone.exr", 2, "gone.exr: cannot be read: no such file"),
         ("info folder", 3, "folder: expected a file, found a folder"),
+        ("render scene.json --exposure 1 -o a.exr", 2, "--exposure, --view: expected an output ending in .png or .jpg"),
+        ("merge small.exr -o a.exr --view aces", 2, "--exposure, --view: expected an output ending in .png or .jpg"),
+        ("render scene.json --float -o a.png", 2, "--aov, --float: expected an output ending in .exr"),
+        ("render scene.json --threads 9999", 2, "as many as there are cores, got 9999"),
+        ("render scene.json --aov uv,", 2, 'denoising_normal, variance, samples, got ""'),
+        ("render scene.json --dry-run --samples 0:4 --noise 0.1", 2, "samples: expected no noise target or time limit"),
+        (
+            "render scene.json --dry-run --samples 5:5 -o a.exr",
+            2,
+            "samples: expected 0 <= first < end <= 2^30, got 5:5",
+        ),
+        ("render scene.json --set objects.7.radius=3", 3, 'no "7" in objects; expected an index from 0 to 0'),
+        ("diff small.exr scene.json", 2, "scene.json: not a readable image: "),
     ],
 )
 def test_a_mistake_is_one_sentence(command, code, message, files, monkeypatch, capsys):
@@ -105,6 +122,55 @@ def test_a_mistake_is_one_sentence(command, code, message, files, monkeypatch, c
     assert error.count("\n") == 1
     assert out == ""
     assert sorted(files.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("scene.json", 'no verb "scene.json"; did you mean pyrt render?'),
+        ("merge small.exr -o a.exr --spp 4", "no option --spp; there are --exposure, --help, --output, --view"),
+        ("render scene.json --spp 4.5", 'argument --spp: expected a whole number, got "4.5"'),
+        ("render scene.json --noise 5%", 'argument --noise: expected a number, got "5%"'),
+        ("render scene.json --size 64", 'argument --size: expected WIDTHxHEIGHT such as 640x480, got "64"'),
+    ],
+)
+def test_wrong_usage_shows_the_right_one(command, message, files, monkeypatch, capsys):
+    monkeypatch.chdir(files)
+    assert main(command.split()) == 2
+    usage, error = capsys.readouterr().err.splitlines()
+    assert usage.startswith("usage: pyrt ")
+    assert message in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"size": (1, 2, 3)}, "size: expected two whole numbers, got (1, 2, 3)"),
+        ({"size": 64}, "size: expected two whole numbers, got 64"),
+        ({"size": "64x48"}, "size: expected two whole numbers, got '64x48'"),
+        ({"samples": 5}, "samples: expected two whole numbers, got 5"),
+        ({"samples": (0.0, 4.0)}, "samples: expected two whole numbers, got (0.0, 4.0)"),
+        ({"noise": "0.1"}, "noise: expected a number > 0, got '0.1'"),
+        ({"time_limit": "5s"}, "time_limit: expected a number > 0, got '5s'"),
+        ({"checkpoint_every": "60s"}, "checkpoint_every: expected a number >= 0, got '60s'"),
+        ({"crop": "0,0,4,4"}, "crop: expected x0,y0,x1,y1 inside the picture, 512 x 512, got 0,0,4,4"),
+        ({"crop": 4}, "crop: expected x0,y0,x1,y1 inside the picture, 512 x 512, got 4"),
+        ({"aovs": "z,uv"}, 'variance, samples, got "z,uv"'),
+        ({"checkpoint": "a.png"}, "a.png: expected a name ending in .exr"),
+    ],
+)
+def test_a_wrong_argument_in_python_is_one_sentence_too(arguments, message):
+    with pytest.raises(UsageError) as error:
+        request_for(Scene(), **arguments)
+    assert message in str(error.value)
+
+
+def test_one_name_for_several_in_python():
+    assert request_for(Scene(), aovs="uv").aovs == ("uv",)
+    with pytest.raises(UsageError, match="merge: expected a list of files, got the single name a"):
+        pyrt.merge("a.exr")
+    with pytest.raises(UsageError, match="scene: expected what load_scene returns, got str"):
+        pyrt.Renderer("scene.json")
 
 
 def test_without_a_mistake_there_is_no_complaint(files, monkeypatch, capsys):

@@ -150,7 +150,7 @@ def test_a_scene_whose_file_name_is_no_text_is_named_in_the_header(tmp_path):
 
 
 def test_threads_change_nothing_but_the_speed(tmp_path):
-    command = f"pyrt render {SCENE} --size 24x20 --spp 4 --float -q -o"
+    command = f"pyrt render {SCENE} --size 24x20 --spp 4 -q -o"
     done = shell(f"{command} a.npy --threads 1 && {command} b.npy", tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()

@@ -91,7 +91,7 @@ def test_a_crop_keeps_its_place_in_the_display_window(tmp_path):
     ("options", "message"),
     [
         (["--aov", "z,dept"], 'aov: expected some of z, distance, position, normal, uv, object, '),
-        (["--aov", "z", "-o", "a.png"], "--aov: expected an output ending in .exr"),
+        (["--aov", "z", "-o", "a.png"], "--aov, --float: expected an output ending in .exr"),
         (["--view", "fog", "-o", "a.png"], 'view: expected one of aces, srgb, raw, got "fog"'),
         (["--crop", "0,0,17,12", "-o", "a.png"], "crop: expected x0,y0,x1,y1 inside the picture, 16 x 12, got 0,0,17"),
         (["--crop", "0,0,17", "-o", "a.png"], 'expected X0,Y0,X1,Y1 such as 0,0,320,240, got "0,0,17"'),
