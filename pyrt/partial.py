@@ -154,7 +154,8 @@ def require_same(path: str | os.PathLike[str], found: Work, expected: Work) -> N
     wanted = asdict(expected)
     for name, value in asdict(found).items():
         if value != wanted[name]:
-            raise UsageError(f"{path}: its samples are of another {name} ({value}), expected {wanted[name]}")
+            a, b = (text[:12] if name in ("scene", "kernels") else text for text in (f"{value}", f"{wanted[name]}"))
+            raise UsageError(f"{path}: its samples are of another {name} ({a}), expected {b}")
 
 
 def merge_order(parts: Mapping[str, tuple[Work, int, int]]) -> list[str]:
