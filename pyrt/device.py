@@ -173,14 +173,18 @@ class Device:
         # program.all_kernels() never lets go of them (pyopencl 2026.1), nor so of the program's 2 MB
         return {name: Kernel(cl.Kernel(program, name)) for name in program.kernel_names.split(";")}
 
+    def check_buffer(self, name: str, nbytes: int) -> None:
+        """Raises DeviceError if no buffer can be as large."""
+        if nbytes > self.info.max_alloc:
+            raise DeviceError(
+                f"{self.info}: {name} needs {nbytes / 2**20:.0f} MiB, one buffer holds at most "
+                f"{self.info.max_alloc / 2**20:.0f} MiB; expected a smaller scene or another --device"
+            )
+
     def upload(self, name: str, array: NDArray[Any]) -> Any:
         """A read-only buffer with the array's bytes, shared with the array where the device allows it."""
         data = np.ascontiguousarray(array)
-        if data.nbytes > self.info.max_alloc:
-            raise DeviceError(
-                f"{self.info}: {name} needs {data.nbytes / 2**20:.0f} MiB, one buffer holds at most "
-                f"{self.info.max_alloc / 2**20:.0f} MiB; expected a smaller scene or another --device"
-            )
+        self.check_buffer(name, data.nbytes)
         if not data.nbytes:
             data = np.zeros(16, np.uint8)  # OpenCL has no empty buffers
         flags = self._cl.mem_flags

@@ -16,6 +16,7 @@ from pyrt.device_sah import splitter
 from pyrt.features import build_options, feature_table
 from pyrt.guide import Guide
 from pyrt.layout import constants, dtypes
+from pyrt.memory import buffer_bytes
 from pyrt.pack import pack_camera, pack_scene
 from pyrt.passes import SampleTracer, Scratch, Tally
 from pyrt.primitives import Primitives
@@ -46,6 +47,8 @@ class DeviceScene:
         self.device = device
         self._seconds: dict[str, float] = {}
         self._features = feature_table(scene)
+        for name, nbytes in buffer_bytes(scene).items():
+            device.check_buffer(name, nbytes)
         start = perf_counter()
         self._packed = pack_scene(scene, splitter(device))
         self._seconds["build"] = perf_counter() - start

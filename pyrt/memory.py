@@ -15,6 +15,7 @@ _PROGRAM = 140 << 20  # Python, numpy, OpenCL with its compiler, OpenImageIO
 _TRIANGLE = 480  # while the tree is built
 _SPHERE = 450
 _OBJECT = 1200  # of the scene file
+_TEXEL = 12
 _SUM = 48  # of a pixel: its channels and their squares, in float64
 _PIXEL = 30  # its places in lists
 _WRITTEN = 110  # of a pixel: mean, variance, number of samples, and writing them
@@ -52,15 +53,28 @@ def estimate(scene: Scene, picture: int = 0) -> Need:
 
     For `picture` see `picture_bytes`.
     """
+    triangles, spheres, texels = _counts(scene)
     meshes = [shape for shape in scene.shapes if isinstance(shape, Mesh)]
-    rectangles, spheres = (sum(isinstance(shape, kind) for shape in scene.shapes) for kind in (Rectangle, Sphere))
-    texels = sum(t.pixels.nbytes for t in scene.textures if isinstance(t, ImageTexture))
     images = sum(isinstance(t, ImageTexture) for t in scene.textures)
     arrays = (a for m in meshes for a in (m.vertices, m.triangles, m.uvs, m.normals) if a is not None)
-    loaded = sum({id(a): a.nbytes for a in arrays}.values()) + texels + _OBJECT * len(scene.shapes)
-    triangles = sum(len(mesh.triangles) for mesh in meshes) + 2 * rectangles
-    build = _TRIANGLE * triangles + _SPHERE * spheres + texels * (1 + (images > 1))
+    loaded = sum({id(a): a.nbytes for a in arrays}.values()) + _TEXEL * texels + _OBJECT * len(scene.shapes)
+    build = _TRIANGLE * triangles + _SPHERE * spheres + _TEXEL * texels * (1 + (images > 1))
     return Need(loaded, build, picture)
+
+
+def buffer_bytes(scene: Scene) -> dict[str, int]:
+    """Of the largest arrays that the device will hold, as far as the tree does not decide about their size."""
+    triangles, spheres, texels = _counts(scene)
+    size = {name: dtype.itemsize for name, dtype in dtypes().items()}
+    return {"triangles": size["Triangle"] * triangles, "spheres": size["Sphere"] * spheres, "texels": _TEXEL * texels}
+
+
+def _counts(scene: Scene) -> tuple[int, int, int]:
+    """Triangles, spheres and texels."""
+    triangles = sum(len(shape.triangles) for shape in scene.shapes if isinstance(shape, Mesh))
+    rectangles, spheres = (sum(isinstance(shape, kind) for shape in scene.shapes) for kind in (Rectangle, Sphere))
+    texels = sum(t.pixels.size // 3 for t in scene.textures if isinstance(t, ImageTexture))
+    return triangles + 2 * rectangles, spheres, texels
 
 
 def picture_bytes(

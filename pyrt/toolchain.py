@@ -112,7 +112,7 @@ def ensure_cache() -> None:
     if (limit := _file_limit()) < _FILE:
         raise DeviceError(
             f"no room for compiled kernels: files of this process may have {limit} bytes, expected {_FILE} or more; "
-            f"run: ulimit -f {_FILE >> 10}"
+            "run: ulimit -f unlimited"
         )
     folders = {"XDG_CACHE_HOME": _cache_home(), "POCL_CACHE_DIR": os.environ.get("POCL_CACHE_DIR")}
     unfit = [name for name, folder in folders.items() if folder and not _has_room(Path(folder))]
