@@ -2,7 +2,7 @@
 
 import sys
 
-from pyrt.cli import main
+from pyrt.cli import start
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(start())

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from pyrt.errors import SceneError
 from pyrt.files import read_bytes
-from pyrt.gltf_mesh import load_gltf_mesh
 from pyrt.image_io import srgb_to_linear
 from pyrt.mesh_data import DEFAULT_UVS, MeshData, filled_normals, joined, unit_vectors
 from pyrt.mesh_obj import read_obj
@@ -85,6 +84,8 @@ def part_of(geometry: Any) -> Surfaces:
 
 def _read(path: str | os.PathLike[str], extension: str) -> Surfaces:
     if extension in ("glb", "gltf"):
+        from pyrt.gltf_mesh import load_gltf_mesh  # whose models of glTF take long to import
+
         return Surfaces(load_gltf_mesh(path))
     content = read_bytes(path)
     return _from_obj(content) if extension == "obj" else _from_trimesh(content, extension)

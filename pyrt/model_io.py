@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from pyrt.errors import SceneError, UsageError
 from pyrt.files import read_bytes
-from pyrt.gltf_scene import load_gltf
 from pyrt.image_io import read_texture, srgb_to_linear
 from pyrt.mesh_data import MeshData
 from pyrt.mesh_io import FORMATS, Surfaces, load_surfaces, part_of
@@ -44,6 +43,8 @@ def load_model(path: str | os.PathLike[str]) -> Model:
     """Reads a model file; its extension tells the format. Raises SceneError as `load_surfaces` and `load_gltf`."""
     suffix = Path(path).suffix.lower()
     if suffix in (".glb", ".gltf"):
+        from pyrt.gltf_scene import load_gltf  # whose models of glTF take long to import
+
         return load_gltf(path)
     surfaces = load_surfaces(path)
     model = Model(warnings=list(surfaces.mesh.warnings))
