@@ -116,9 +116,9 @@ def test_public_names_exist():
 
 
 def loaded(*command: str) -> set[str]:
-    """Top-level packages that a fresh Python loads for the command."""
+    """Modules that a fresh Python loads for the command."""
     done = subprocess.run([sys.executable, "-X", "importtime", *command], capture_output=True, text=True, check=True)
-    return set(re.findall(r"\| +(\w+)$", done.stderr, re.MULTILINE))
+    return set(re.findall(r"\| +([\w.]+)$", done.stderr, re.MULTILINE))
 
 
 @pytest.mark.parametrize(
@@ -126,6 +126,12 @@ def loaded(*command: str) -> set[str]:
 )
 def test_a_start_loads_nothing_heavy(command):
     assert not loaded(*command) & HEAVY
+
+
+def test_a_scene_loads_no_reader_that_it_has_no_use_for():
+    modules = loaded("-c", "import pyrt; pyrt.load_scene('example:cornell')")
+    assert "pyrt.mesh_obj" in modules
+    assert not modules & {"pyrt.gltf_schema", "numpy.ma", "trimesh", "pyopencl"}
 
 
 def test_a_heavy_import_is_seen():
