@@ -18,6 +18,9 @@ _TABLES = ("v", "vt", "vn")  # in the order in which a corner refers to them
 _COLUMNS = (3, 2, 3)
 _NOISE = re.compile(rb"#[^\n]*|\\ *\n")  # comments, and line ends that are none
 _NUMBER = re.compile(rb"\d+")
+_FORMS = {b"1", b"1/", b"1//", b"1/1", b"1/1/", b"1//1", b"1/1/1"}  # of a corner
+_MIXED = b""
+_MAX_INDEX = 1 << 62
 
 
 class ObjData(NamedTuple):
@@ -50,8 +53,8 @@ def read_obj(content: bytes) -> ObjData:
     """Parses a file. Raises ValueError for what is not a number, or an index that refers to nothing."""
     lines = _sorted(content)
     tables = [_table(*of) for of in zip(lines.tables.values(), _COLUMNS, strict=True)]
-    polygons = _polygons(lines.faces)
-    places, corners = _triangles([rows for rows in polygons if rows[1].shape[1] >= 3])
+    sizes, indices = _polygons(lines.faces)
+    places, corners = _triangles(sizes, indices)
     for of, name, table in zip(corners.reshape(-1, 3).T, _TABLES, tables, strict=True):
         if of.max(initial=-1) >= len(table):
             raise ValueError(f"a face refers to {name} {of.max() + 1}, there are {len(table)}")
@@ -63,7 +66,7 @@ def read_obj(content: bytes) -> ObjData:
         _colors(lines.tables[b"v"]),
         _rows_by_material(lines.materials, places),
         tuple(lines.libraries),
-        tuple(_warnings(polygons, corners)),
+        tuple(_warnings(sizes, corners)),
     )
 
 
@@ -116,41 +119,64 @@ def _numbers(text: bytes, kind: type) -> NDArray[Any]:
             raise ValueError("a coordinate is not a number") from None
 
 
-def _polygons(faces: list[bytes]) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Faces of one form (number of corners, and what these refer to) at a time: their places in the file, and indices
-    (faces, corners, 3) from 0, −1 where there is none."""
-    forms: dict[bytes, list[int]] = {}
+def _polygons(faces: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number of corners of each face, and of all corners, one face's after another's, the indices (n, 3) from 0,
+    −1 where there is none.
+
+    Faces whose corners all have the same form, such as 1//1, are read together, whatever their sizes.
+    """
+    sizes = np.zeros(len(faces), np.int64)
+    known: dict[bytes, tuple[int, bytes]] = {}
+    alike: dict[bytes, list[int]] = {}
     for place, form in enumerate(_NUMBER.sub(b"1", b"\n".join(faces)).split(b"\n") if faces else []):
-        forms.setdefault(form, []).append(place)
-    groups = []
-    for form, places in forms.items():
-        corners = [corner.split(b"/") for corner in form.split()]
-        if any(index not in (b"1", b"") or not corner[0] for corner in corners for index in corner):
-            raise ValueError(f"a face is not made of indices: {faces[places[0]].decode('utf-8', 'replace')}")
-        given = [(i, k) for i, corner in enumerate(corners) for k, index in enumerate(corner[:3]) if index]
-        text = b" ".join([faces[place] for place in places]).replace(b"/", b" ")
-        numbers = _numbers(text, np.int64).reshape(len(places), -1)
-        if numbers.min(initial=1) < 1:
-            raise ValueError("a face refers to index 0")
-        indices = np.full((len(places), len(corners), 3), -1, np.int64)
-        for column, (i, k) in enumerate(given):
-            indices[:, i, k] = numbers[:, column] - 1
-        groups.append((np.array(places), indices))
-    return groups
+        if form not in known:
+            known[form] = _form(form, faces[place])
+        sizes[place], corner = known[form]
+        alike.setdefault(corner, []).append(place)
+    starts = np.cumsum(sizes) - sizes
+    corners = np.full((sizes.sum(), 3), -1, np.int64)
+    for corner, places in alike.items():
+        rows = np.repeat(starts[places], sizes[places]) + _counted(sizes[places])
+        texts = [faces[place] for place in places]
+        if corner == _MIXED:
+            corners[rows] = [_indices(one) for text in texts for one in text.split()]
+        else:
+            given = [k for k, index in enumerate(corner.split(b"/")) if index]
+            numbers = _numbers(b" ".join(texts).replace(b"/", b" "), np.int64)
+            corners[rows[:, None], given] = numbers.reshape(len(rows), len(given)) - 1
+            if numbers.min(initial=1) < 1:
+                raise ValueError("a face refers to index 0")
+    return sizes, corners
 
 
-def _triangles(
-    polygons: list[tuple[NDArray[np.int64], NDArray[np.int64]]],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All polygons as fans, in the order of the file: their places there, and corners."""
-    places, triangles = [np.empty(0, np.int64)], [np.empty((0, 3, 3), np.int64)]
-    for place, indices in polygons:
-        last = np.arange(2, indices.shape[1])
-        places.append(np.repeat(place, len(last)))
-        triangles.append(indices[:, np.stack([0 * last, last - 1, last], axis=1)].reshape(-1, 3, 3))
-    of_triangle = np.concatenate(places)
-    order = np.argsort(of_triangle, kind="stable")
-    return of_triangle[order], np.concatenate(triangles)[order]
+def _form(form: bytes, face: bytes) -> tuple[int, bytes]:
+    """How many corners a face has, and the form of all of them; `form`: the face with 1 for each number."""
+    corners = form.split()
+    kinds = set(corners)
+    if not kinds <= _FORMS:
+        raise ValueError(f"a face is not made of indices: {face.decode('utf-8', 'replace')}")
+    return len(corners), kinds.pop() if len(kinds) == 1 else _MIXED
+
+
+def _indices(corner: bytes) -> list[int]:
+    """Of one corner, from 0, −1 where there is none."""
+    given = [min(int(index), _MAX_INDEX) if index else None for index in corner.split(b"/")]
+    if 0 in given:
+        raise ValueError("a face refers to index 0")
+    return [-1 if index is None else index - 1 for index in [*given, None, None][:3]]
+
+
+def _counted(sizes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """0, 1 … size − 1 of each size, one after another."""
+    return np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+
+
+def _triangles(sizes: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All polygons as fans: the place of each triangle's polygon, and its corners (m, 3 corners, 3)."""
+    fans = np.maximum(sizes - 2, 0)
+    first = np.repeat(np.cumsum(sizes) - sizes, fans)
+    last = first + 2 + _counted(fans)
+    return np.repeat(np.arange(len(sizes)), fans), corners[np.stack([first, last - 1, last], axis=1)]
 
 
 def _colors(rows: list[bytes]) -> NDArray[np.float64] | None:
@@ -161,18 +187,18 @@ def _colors(rows: list[bytes]) -> NDArray[np.float64] | None:
 
 
 def _rows_by_material(materials: dict[int, str], places: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
-    starts, names = np.array(list(materials)), list(materials.values())
-    of_triangle = np.searchsorted(starts, places, side="right") - 1
+    starts = np.searchsorted(places, list(materials)).tolist()
     rows: dict[str, list[NDArray[np.int64]]] = {}
-    for i in np.flatnonzero(np.bincount(of_triangle)):  # np.unique would sort, and import numpy.ma
-        rows.setdefault(names[i], []).append(np.flatnonzero(of_triangle == i))
+    for name, first, end in zip(materials.values(), starts, [*starts[1:], len(places)], strict=True):
+        if first < end:
+            rows.setdefault(name, []).append(np.arange(first, end))
     return {name: np.concatenate(parts) for name, parts in rows.items()}
 
 
-def _warnings(polygons: list[Any], corners: NDArray[np.int64]) -> list[str]:
+def _warnings(sizes: NDArray[np.int64], corners: NDArray[np.int64]) -> list[str]:
     uvs, normals = (corners[:, :, k].min(axis=1) >= 0 for k in (1, 2))
     return [
-        *["its faces with fewer than 3 corners are dropped"] * any(of.shape[1] < 3 for _, of in polygons),
+        *["its faces with fewer than 3 corners are dropped"] * bool((sizes < 3).any()),
         *["its texture coordinates do not cover every face"] * bool(uvs.any() > uvs.all()),
         *["its normals do not cover every face"] * bool(normals.any() > normals.all()),
     ]

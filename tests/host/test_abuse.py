@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from pyrt import loading, scene_io
+from pyrt import loading, mesh_obj, scene_io
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.image_io import read_picture
 from pyrt.mesh_io import load_mesh
@@ -33,6 +33,7 @@ GLTF = {
     "accessors": [{"componentType": 5126, "count": 10**7, "type": "VEC3"}],
 }
 NPY = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000, 1000000000, 3)}\n"
+parse = mesh_obj._numbers
 BALL = {"type": "icosphere", "subdivisions": 9, "light": {"radiance": [1, 1, 1]}}
 
 
@@ -70,6 +71,34 @@ def test_polygons_of_a_thousand_sizes(tmp_path):
     triangles = load_mesh(tmp_path / "a.obj").triangles
     assert len(triangles) == sum(3 * size - 2 for size in range(1, 200))
     assert triangles[:5].tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 0], [0, 0, 1], [0, 1, 2]]
+
+
+def test_the_work_for_polygons_does_not_depend_on_their_sizes(monkeypatch):
+    """Numbers are parsed once for each form of a corner, and each coordinate table."""
+    calls = []
+    monkeypatch.setattr(mesh_obj, "_numbers", lambda *args: calls.append(args) or parse(*args))
+    corner = [b" 1", b" 2/1", b" 3//1"]
+    faces = b"".join(b"f" + corner[size % 3] * size + b"\n" for size in range(3, 300))
+    found = mesh_obj.read_obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n" + faces)
+    assert len(found.corners) == sum(size - 2 for size in range(3, 300))
+    assert len(calls) == 3 + 3
+
+
+def test_corners_of_one_face_may_have_different_forms():
+    table = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n"
+    found = mesh_obj.read_obj(table + b"f 1/1 2 3//1\nf 3 2 1\nf 3/1/1 -2/ 1//\n")
+    assert found.corners.tolist() == [
+        [[0, 0, -1], [1, -1, -1], [2, -1, 0]],
+        [[2, -1, -1], [1, -1, -1], [0, -1, -1]],
+        [[2, 0, 0], [1, -1, -1], [0, -1, -1]],
+    ]
+    for face, message in (
+        (b"f 1/1 0 2", "refers to index 0"),
+        (b"f 1/1 2 9//1", "refers to v 9"),
+        (b"f 1/1 2 x", "not"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            mesh_obj.read_obj(table + face)
 
 
 def test_objects_that_memory_cannot_hold_are_not_made(monkeypatch):
