@@ -2,7 +2,7 @@
 
 import sys
 
-from pyrt.cli import start
+from pyrt.cli import main
 
 if __name__ == "__main__":
-    sys.exit(start())
+    sys.exit(main())

@@ -6,7 +6,6 @@ Each verb lives in one of the `cli_*` modules: its options, its examples, and th
 from __future__ import annotations
 
 import argparse
-import gc
 import io
 import os
 import re
@@ -38,13 +37,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(f"pyrt: standard output: {unwritten}")
     _flush(sys.stderr)
     return status or int(bool(unwritten))
-
-
-def start() -> int:
-    """`main` for a process that ends then."""
-    status = main()
-    gc.freeze()  # else Python would look through all objects several times before it leaves, for 0.05 s
-    return status
 
 
 def _finished(words: list[str]) -> int:

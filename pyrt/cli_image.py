@@ -7,6 +7,7 @@ import json
 from contextlib import suppress
 
 from pyrt.cli_options import Verbs, add_scene, add_verb, load, nearest, number, say, warn, whole
+from pyrt.cli_report import warn_if_black
 from pyrt.errors import UsageError
 
 _VIEW_SPP = 16
@@ -78,7 +79,9 @@ def _view(args: argparse.Namespace) -> int:
             scene = load(args)
             size = fitted(scene.film.width, scene.film.height)
             spp = _VIEW_SPP if args.spp is None else args.spp
-            image = Renderer(scene, args.device, progress=progress).render(spp, size=size).image
+            result = Renderer(scene, args.device, progress=progress).render(spp, size=size)
+        warn_if_black(result)
+        image = result.image
     show(image, args.exposure)
     return 0
 

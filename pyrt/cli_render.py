@@ -22,7 +22,7 @@ from pyrt.cli_options import (
     warn,
     whole,
 )
-from pyrt.cli_report import plan, summarise, write_stats
+from pyrt.cli_report import plan, summarise, warn_if_black, write_stats
 from pyrt.errors import UsageError
 from pyrt.signals import stop_requests
 
@@ -169,6 +169,7 @@ def _render(args: argparse.Namespace) -> int:
         for path in outputs:
             for text in result.save(path, exposure=args.exposure, view=args.view, half=not args.float):
                 warn(text)
+    warn_if_black(result)
     if args.stats:
         write_stats(args.stats, result)
     if interrupted:

@@ -53,6 +53,22 @@ def write_stats(path: str, result: Result) -> None:
         raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
 
 
+def warn_if_black(result: Result) -> None:
+    """Says why, as far as the rays tell, if there is nothing to be seen."""
+    rays = result.stats["rays"]
+    if result.image.any() or not rays["camera"]:
+        return
+    if rays["shadow"]:
+        reason = "what the camera sees lies in shadow"
+    elif result.stats["skipped"]["shadow_rays_to_dark_lights"]:
+        reason = "no light shines on the sides of the surfaces that the camera sees"
+    elif rays["specular"]:
+        reason = "the camera sees glass and nothing else"
+    else:
+        reason = "the camera sees no surface that reflects light; check camera.position and camera.look_at"
+    warn(f"the picture is black: {reason}")
+
+
 def summarise(result: Result, outputs: list[str], verbose: bool) -> None:
     """Says in a line what was rendered; with `verbose` also what was traced."""
     stats, elapsed = result.stats, result.stats["seconds"]["render"]

@@ -51,6 +51,10 @@ class Loading:
             raise PyrtError(f"{self.place}: {path}: {found}")
         self.room -= triangles
 
+    def has_image(self, path: str) -> bool:
+        """Whether the path is no file's, but names an image of the model."""
+        return self.model is not None and path in self.model.images
+
     def problem(self, path: str, text: str) -> None:
         self.problems.append(f"{self.place}: {path}: {text}")
 

@@ -163,7 +163,7 @@ def _textures(
         path = json_path(("textures", key))
         if path in used:
             textures[path] = _texture(loading, path, texture)
-        elif isinstance(texture, schema.ImageTexture):
+        elif isinstance(texture, schema.ImageTexture) and not loading.has_image(texture.path):
             loading.read(f"{path}.path", check_file, texture.path)
     return textures
 
@@ -174,7 +174,7 @@ def _texture(loading: Loading, path: str, texture: schema.TextureModel) -> scene
     mapping = (texture.tex_coordinate_generator.scale, texture.tex_coordinate_generator.delta)
     if isinstance(texture, schema.CheckerboardTexture):
         return scene.CheckerboardTexture(texture.color0, texture.color1, *mapping)
-    if loading.model is not None and texture.path in loading.model.images:
+    if loading.model is not None and loading.has_image(texture.path):
         return scene.ImageTexture(loading.model.images[texture.path].pixels, *mapping)
     image = loading.read(f"{path}.path", read_texture, texture.path, texture.colorspace)
     return scene.ImageTexture(_BLACK if image is None else _reflectance(loading, path, image.pixels), *mapping)

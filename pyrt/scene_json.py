@@ -99,12 +99,14 @@ def _plain(value: Any) -> Any:
 def override(raw: dict[str, Any], path: str, value: Any) -> None:
     """Sets `raw` at a dotted path: keys and array indices, such as `objects.0.translate` or `objects[0].translate`.
 
+    A key with dots or brackets stands in quotes: `materials["Steel.001"].color`.
+
     Missing keys are added, for validation to judge; only entries (a texture, an object) have to be there.
     Raises SceneError for a path into something that is not there.
     """
     if not path.isprintable():
         raise SceneError(f"{path!a} holds characters that cannot be printed")
-    *parents, last = re.sub(r"\[(\d+)\]", r".\1", path).split(".")
+    *parents, last = _steps(path)
     node: Any = raw
     for depth, step in enumerate(parents):
         if isinstance(node, dict) and not (depth == 1 and parents[0] in CONTAINERS):
@@ -112,6 +114,17 @@ def override(raw: dict[str, Any], path: str, value: Any) -> None:
         node = node[_key(node, path, parents[:depth], step)]
     key = last if isinstance(node, dict) else _key(node, path, parents, last)
     node[key] = plain(value)
+
+
+def _steps(path: str) -> list[str]:
+    """The keys of a path, as `json_path` writes it."""
+    quoted = re.compile(r'\["((?:[^"\\]|\\.)*)"\]')
+    try:
+        names = [json.loads(f'"{name}"') for name in quoted.findall(path)]
+    except ValueError:
+        raise SceneError(f"{path}: a key in quotes is no JSON string") from None
+    dotted = re.sub(r"\[(\d+)\]", r".\1", quoted.sub(".\0", path)).removeprefix(".")
+    return [names.pop(0) if step == "\0" else step for step in dotted.split(".")]
 
 
 def _key(node: Any, path: str, above: list[str], step: str) -> str | int:

@@ -110,7 +110,7 @@ class Diffuse(Model):
     @model_validator(mode="after")
     def _check_reflectance(self) -> Diffuse:
         if (self.texture_name is None) == (self.color is None):
-            found = "neither" if self.color is None else "both"
+            found = "neither" if self.color is None else "both; null takes one away"
             raise sentence(f'expected either "texture_name" or "color", found {found}')
         return self
 

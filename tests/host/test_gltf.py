@@ -238,6 +238,14 @@ def test_texture_transforms_and_second_coordinates(tmp_path: Path) -> None:
     np.testing.assert_allclose(uvs[0], [[0.5, 0.25], [0.5, -1.75], [3.5, 0.25]], atol=1e-6)
 
 
+def test_an_image_that_a_broken_material_no_longer_uses_is_no_second_mistake(tmp_path: Path) -> None:
+    textured(tmp_path)
+    with pytest.raises(SceneError) as error:
+        load_scene(tmp_path / "model.glb", overrides={'materials["materials[0]"].color': [1, 0, 0]})
+    (problem,) = error.value.problems
+    assert problem.endswith('expected either "texture_name" or "color", found both; null takes one away')
+
+
 def test_vertex_colours_are_interpolated_exactly(tmp_path: Path) -> None:
     colors = np.random.default_rng(0).uniform(0, 1, (4, 3))
     scene = one_mesh(tmp_path, SQUARE, FACES, COLOR_0=colors)

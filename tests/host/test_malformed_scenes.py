@@ -277,7 +277,7 @@ MALFORMED: dict[str, tuple[dict[str, Any], list[str]]] = {
     ),
     "two reflectances": (
         {"materials.grey_diffuse.color": [0.5, 0.5, 0.5]},
-        ['materials.grey_diffuse: expected either "texture_name" or "color", found both'],
+        ['materials.grey_diffuse: expected either "texture_name" or "color", found both; null takes one away'],
     ),
     "no reflectance": (
         {"materials.grey_diffuse.texture_name": REMOVED},

@@ -191,6 +191,19 @@ def test_which_point_lights_there_are(
     )
 
 
+@pytest.mark.parametrize("name", ["Steel.001", "materials[0]", 'a "quoted" one', "back\\slash", "é", "plain"])
+def test_overrides_reach_keys_of_any_name(name: str) -> None:
+    """Written as errors write them."""
+    sphere = {**SPHERE, "light": None, "material_name": name}
+    raw = {"materials": {name: {"type": "refraction", "eta": "two"}}, "objects": [sphere]}
+    with pytest.raises(SceneError) as error:
+        load_scene(raw)
+    path = error.value.problems[0].removeprefix("scene: ").partition(": expected")[0]
+    assert load_scene(raw, overrides={path: 2}).materials == (scene.Refraction(2),)
+    with pytest.raises(SceneError, match="a key in quotes is no JSON string"):
+        load_scene(raw, overrides={r'materials["\q"].eta': 2})
+
+
 def test_a_spot_light_points_at_what_it_looks_at() -> None:
     light = {"type": "spot", "position": [1, 5, 3], "look_at": [1, 1, 0], "intensity": [3, 2, 1], "outer_angle": 30}
     expected = scene.SpotLight((1, 5, 3), (0, -0.8, -0.6), (3, 2, 1), 0, 30)

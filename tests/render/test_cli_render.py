@@ -213,3 +213,35 @@ def test_a_folder_that_cannot_be_written_to_is_named():
     done = shell(f"pyrt render {SCENE} --size 8x8 --spp 1", Path("/proc"))
     assert done.returncode in (1, 2)  # 1 as root, whom only the writing itself tells
     assert re.fullmatch(r"pyrt: cornell.exr: (the folder . is not writable|cannot be written: .*)\n", done.stderr)
+
+
+BALL = {"type": "sphere", "center": [0, 0, 0], "radius": 1, "material_name": "m"}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"camera": {"position": [0, 0, 4], "look_at": [0, 0, 9]}}, "the camera sees no surface that reflects light"),
+        (
+            {"materials": {"m": {"type": "diffuse", "color": [0, 0, 0]}}},
+            "the camera sees no surface that reflects light",
+        ),
+        ({"materials": {"m": {"type": "dielectric"}}}, "the camera sees glass and nothing else"),
+        ({"lights": [{"position": [0, 0, -9], "flux": [9, 9, 9]}]}, "no light shines on the sides of the surfaces"),
+        ({"integrator": {"point_light_flux": [0, 0, 0]}, "lights": []}, "no light shines on the sides of the surfaces"),
+        ({"objects": [BALL, {**BALL, "radius": 2}]}, "what the camera sees lies in shadow"),
+        ({}, None),
+    ],
+)
+def test_a_black_picture_says_why(change, reason, capsys, tmp_path):
+    scene = {
+        "camera": {"position": [0, 0, 1.5]},
+        "materials": {"m": {"type": "diffuse", "color": [0.5, 0.5, 0.5]}},
+        "lights": [{"position": [0, 0, 9], "flux": [9, 9, 9]}],
+        "objects": [BALL],
+    }
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps(scene | change))
+    assert main(["render", str(path), *SIZE, "--spp=1", "-q", "-o", str(tmp_path / "a.png")]) == 0
+    error = capsys.readouterr().err
+    assert error.startswith(f"warning: the picture is black: {reason}") if reason else error == ""
