@@ -199,6 +199,22 @@ def test_edges_of_lights_are_known():
     assert min(map(int, result.stats["pixels"]["light edge"])) >= 32
 
 
+@pytest.mark.parametrize(("outer", "rim"), [(20.0, True), (90.0, False)])
+def test_the_rims_of_spot_lights_are_known(outer, rim):
+    """Nothing stands before the lamp, but the picture is not smooth where its cone ends."""
+    floor = {"type": "rectangle", "center": [0, 0, 0], "edge1": [20, 0, 0], "edge2": [0, 0, -20], "material_name": "m"}
+    spot = {"type": "spot", "position": [0, 4, 0], "look_at": [0, 0, 0], "intensity": [9, 9, 9]}
+    scene = {
+        "camera": {"position": [0, 6, 0.1], "look_at": [0, 0, 0]},
+        "materials": {"m": {"type": "diffuse", "color": [0.5, 0.5, 0.5]}},
+        "lights": [{**spot, "inner_angle": outer - 0.1, "outer_angle": outer}],
+        "objects": [floor],
+    }
+    pixels = pyrt.render(scene, size=SIZE, noise=0.1).stats["pixels"]
+    assert bool(pixels["penumbra"]) == rim
+    assert sum(pixels["plain"].values()) > 0.7 * SIZE[0] * SIZE[1]
+
+
 def test_without_beams_all_pixels_are_unknown():
     result = pyrt.Renderer(ERROR_SCENES["cornell"](), beams=False).render(size=(16, 16), noise=0.05)
     assert [len(kind) > 0 for kind in result.stats["pixels"].values()] == [False, False, False, True, False]
