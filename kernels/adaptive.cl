@@ -80,3 +80,87 @@ void gains(uint width, uint height, uint stride, uint levels, float prior, float
         keys[order[y * width + x + k]] = own * bins + (uint)bin;
     }
 }
+
+#if HAS_DOUBLE
+#include "film.h"
+
+typedef struct {
+    double before[PIXEL_CLASSES], after[PIXEL_CLASSES], pixels[PIXEL_CLASSES], lost;
+} Falls;
+
+INLINE double8 relative(const double8 *squared, const double8 *mean, double floor)
+{
+    double8 sum = squared[0] / (mean[0] * mean[0] + floor) + squared[1] / (mean[1] * mean[1] + floor);
+    return (sum + squared[2] / (mean[2] * mean[2] + floor)) / 3.0;
+}
+
+/* Adds a pass's samples to eight pixels of the state, as `_add_block` of pyrt/adaptive.py does, with the same bits. */
+static void refine_eight(const PassParams *pass, uint first, uint total, uint steady, double floor, const global float *planes,
+                         const global uint *places, const global uchar *classes, const global uchar *wanted,
+                         constant double *decay, global double *sums, global double *errors, global uchar *levels,
+                         global uint *counts, Falls *falls)
+{
+    uint at[8], lanes = min(pass->pixel_count - first, 8u);
+    double8 sum[6], error, falling;
+    for (uint k = 0; k < 8u; ++k) {
+        at[k] = places[pass->first_pixel + first + min(k, lanes - 1u)];
+        for (uint c = 0; c < 6u; ++c)
+            ((double *)&sum[c])[k] = sums[(size_t)c * total + at[k]];
+        ((double *)&error)[k] = errors[at[k]];
+        ((double *)&falling)[k] = decay[classes[at[k]]];
+    }
+    int8 lost = (int8)(0);
+    uint s = pass->first_sample, end = s + pass->sample_count, level = 0;
+    for (; s < end; s += 1u << level) { /* the nodes that make up the range, see node_keys of pyrt/film.py */
+        for (level = 31u - clz(end - s); (s & ((1u << level) - 1u)) != 0u;)
+            --level;
+        double8 node[6], squared[3], mean[3], before = error;
+        sum_node(planes + (size_t)(s - pass->first_sample) * 3 * pass->stride + first, pass->stride, level, node, &lost);
+        double samples = (double)(2u << level);
+        for (int c = 0; c < 3; ++c) {
+            double8 apart = (sum[c] - node[c]) / samples;
+            mean[c] = s == 0u ? node[c] / 2.0 : (sum[c] + node[c]) / samples;
+            squared[c] = s == 0u ? node[3 + c] / 2.0 - mean[c] * mean[c] : apart * apart;
+            squared[c] = squared[c] > 0.0 ? squared[c] : 0.0; /* PoCL 3.0 cannot compile max() of these */
+        }
+        if (s != 0u || level != 0u)
+            error = relative(squared, mean, floor);
+        for (uint k = 0; k < lanes && s != 0u; ++k) {
+            uint class = classes[at[k]];
+            falls->before[class] += ((double *)&before)[k];
+            falls->after[class] += ((double *)&error)[k];
+            falls->pixels[class] += 1.0;
+        }
+        if (s != 0u && level + 1u >= steady)
+            error = (error + falling * before) / 2.0;
+        for (int c = 0; c < 6; ++c)
+            sum[c] += node[c];
+    }
+    for (uint k = 0; k < lanes; ++k) {
+        for (uint c = 0; c < 6u; ++c)
+            sums[(size_t)c * total + at[k]] = ((double *)&sum[c])[k];
+        errors[at[k]] = ((double *)&error)[k];
+        levels[at[k]] = wanted[at[k]];
+        uint gone = (uint)((int *)&lost)[k];
+        counts[at[k]] += pass->sample_count - gone;
+        falls->lost += (double)gone;
+    }
+}
+
+/* One work-item per PIXELS_REFINED pixels of a pass of `refine` (pyrt/adaptive.py), which has all their new samples: adds them
+ * to the state, whose arrays are over the `total` pixels of the picture, and tells by class how errors fell. */
+kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
+void refine(const PassParams pass, uint total, uint steady, double floor, const global float *planes, const global uint *places,
+            const global uchar *classes, const global uchar *wanted, constant double *decay, global double *sums,
+            global double *errors, global uchar *levels, global uint *counts, global Falls *falls)
+{
+    uint first = (uint)get_global_id(0) * PIXELS_REFINED, end = min(first + PIXELS_REFINED, pass.pixel_count);
+    if (first >= pass.pixel_count)
+        return;
+    Falls own = {{0.0}, {0.0}, {0.0}, 0.0};
+    for (; first < end; first += 8u)
+        refine_eight(&pass, first, total, steady, floor, planes, places, classes, wanted, decay, sums, errors, levels, counts,
+                     &own);
+    falls[get_global_id(0)] = own;
+}
+#endif

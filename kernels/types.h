@@ -66,6 +66,7 @@ typedef struct {
 #define PIXEL_UNKNOWN 3
 #define PIXEL_LIGHT_EDGE 4 /* several surfaces, some of which may emit */
 #define PIXEL_CLASSES 5
+#define PIXELS_REFINED 64 /* by a work-item of `refine` */
 
 /* Primitive ids: triangles first, in the order of the scene's shapes, then spheres. */
 

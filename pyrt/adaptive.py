@@ -29,12 +29,12 @@ from pyrt.guide import GAIN_BINS, GAIN_STEPS, LOW_GAIN, Guide
 from pyrt.partial import Adaptive
 
 FIRST_SAMPLES = 2
-_STEADY_LEVEL = 3  # from which on errors are averaged with what the halves' errors let expect
+STEADY_LEVEL = 3  # from which on errors are averaged with what the halves' errors let expect
 _DEVIATIONS = 1.5  # by which a noisy pixel may be off
 _NOISY = 0.01  # squared relative error of a pixel whose own radiance cannot be relied on
 _PART = 1 << 26  # samples between two chances to save
 _BLOCK = 8192  # pixels added at a time, so that they stay in cache
-_RADIANCE_FLOOR = 0.01  # squared; below a tenth, errors count in absolute terms
+RADIANCE_FLOOR = 0.01  # squared; below a tenth, errors count in absolute terms
 _LEAST_DECAY = (0.125, 0.125, 0.125, 0.125, 0.35)  # by class; lights' edges are edges, whose errors fall as n^−1.5
 _MOST_DECAY = 0.6
 _DECAY_PIXELS = 30  # that a class must have, to measure it
@@ -43,7 +43,7 @@ _AIM = 0.75  # of the squared target: what a round aims at, or else many would d
 _LEAST_LEVEL = (1, 3, 2, 2, 5)  # by class; a light may fill little of its edges' pixels and be most of what they show
 _PASS_COST = 4096  # samples that take as long as a pass of few samples
 
-Trace = Callable[..., tuple[Film, int]]
+Trace = Callable[[NDArray[np.intp], int, int], None]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,6 @@ class Refined:
 def refine(
     trace: Trace,
     guide: Guide,
-    pixels: NDArray[np.uint32],
     state: Adaptive,
     noise: float,
     max_samples: int,
@@ -74,10 +73,10 @@ def refine(
     note: Callable[[float], None],
     save: Callable[[], object],
 ) -> Refined:
-    """Traces pixels (x + 65536 · y) until the picture's error is at most `noise`, or each has more than half of
+    """Traces the state's pixels until the picture's error is at most `noise`, or each has more than half of
     `max_samples`, as each has a power of two of them. 0 for `noise` is no target.
 
-    `trace(pixels, first sample, samples, places)` gives a film and how many pixels are complete, see `SampleTracer`.
+    `trace(group, first sample, samples)` adds samples of a group of pixels to the state.
     `going` ends it by returning False. `note` is told the picture's squared relative error whenever that is estimated
     anew. `save` may keep the `state`, from which a later call goes on to the same bits.
     """
@@ -85,7 +84,9 @@ def refine(
     while going():
         group = _next_group(state)
         if len(group):
-            _trace_group(trace, pixels, state, group, max_samples)
+            level, wanted = int(state.level[group[0]]), int(state.wanted[group[0]])
+            first = 1 << level if level else 0
+            trace(group, first, min(1 << wanted, max_samples) - first)
             save()
             continue
         _settle(state)
@@ -125,9 +126,9 @@ def _dimmers(state: Adaptive, noisy: NDArray[np.intp], errors: NDArray[np.float6
     tiles = np.minimum(noisy[:, None] // 16 * 16 + np.arange(16), len(state.count) - 1)
     radiance = state.sums[0].mean(axis=0)[tiles] / np.maximum(state.count, 1)[tiles]
     own = state.sums[0].mean(axis=0)[noisy] / np.maximum(state.count, 1)[noisy]
-    slack = _DEVIATIONS * np.sqrt(errors * (own * own + _RADIANCE_FLOOR))
+    slack = _DEVIATIONS * np.sqrt(errors * (own * own + RADIANCE_FLOOR))
     likely = np.clip((radiance.sum(axis=1) - own) / 15, own - slack, own + slack)
-    return np.asarray((own * own + _RADIANCE_FLOOR) / (likely * likely + _RADIANCE_FLOOR))
+    return np.asarray((own * own + RADIANCE_FLOOR) / (likely * likely + RADIANCE_FLOOR))
 
 
 def summary(state: Adaptive) -> Refined:
@@ -147,18 +148,8 @@ def _next_group(state: Adaptive) -> NDArray[np.intp]:
     return np.asarray(waiting[kinds == kind][: beams * 16])
 
 
-def _trace_group(
-    trace: Trace, pixels: NDArray[np.uint32], state: Adaptive, group: NDArray[np.intp], max_samples: int
-) -> None:
-    level, wanted = int(state.level[group[0]]), int(state.wanted[group[0]])
-
-    first = 1 << level if level else 0
-    film, complete = trace(pixels[group], first, min(1 << wanted, max_samples) - first, group)
-    _add(state, group[:complete], film)
-
-
-def _add(state: Adaptive, done: NDArray[np.intp], film: Film) -> None:
-    """Adds the film's first pixels to the state's pixels `done`."""
+def add(state: Adaptive, done: NDArray[np.intp], film: Film) -> None:
+    """Adds the film's first pixels to the state's pixels `done`: what `Guide.refine` does on devices that can."""
     nodes = film.nodes()
     order = sorted(nodes, key=lambda node: node[1] << node[0])
     state.torn = True
@@ -181,7 +172,7 @@ def _add_block(state: Adaptive, done: NDArray[np.intp], nodes: list[tuple[int, i
             error = _relative(((sums[0] - new[0]) / (2 << level)) ** 2, (sums[0] + new[0]) / (2 << level))
             for row, weights in zip(state.falls, (before, error, None), strict=True):
                 row += np.bincount(classes, weights, len(row))
-            if level + 1 >= _STEADY_LEVEL:
+            if level + 1 >= STEADY_LEVEL:
                 error = (error + state.decay[classes] * before) / 2
         elif level:
             mean = new[0] / 2  # from a + b and a² + b²: (a − b)² / 4
@@ -194,7 +185,7 @@ def _add_block(state: Adaptive, done: NDArray[np.intp], nodes: list[tuple[int, i
 
 def _relative(squared: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, pixels) to (pixels,): relative to the radiance, averaged over channels."""
-    return np.asarray((squared / (mean * mean + _RADIANCE_FLOOR)).mean(axis=0))
+    return np.asarray((squared / (mean * mean + RADIANCE_FLOOR)).mean(axis=0))
 
 
 def _settle(state: Adaptive) -> None:

@@ -10,7 +10,6 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrt.adaptive import Trace
 from pyrt.errors import UsageError
 from pyrt.files import remove_leftovers
 from pyrt.film import Film
@@ -96,7 +95,7 @@ class Saver:
 
 
 def accumulate(
-    trace: Trace,
+    trace: Callable[..., tuple[Film, int]],
     pixels: NDArray[np.uint32],
     partial: Partial,
     save: Callable[[Partial], None],

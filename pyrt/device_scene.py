@@ -125,7 +125,8 @@ class DeviceScene:
 
     @cached_property
     def _guide_kernels(self) -> dict[str, Any]:
-        return self.device.build("adaptive.cl", build_options(self._features))
+        double = f"-DHAS_DOUBLE={int(self.device.has_double)}"
+        return self.device.build("adaptive.cl", [*build_options(self._features), double])
 
     @cached_property
     def _aov_kernels(self) -> dict[str, Any]:

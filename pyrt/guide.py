@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.device import Device
-from pyrt.passes import beam_count, tile_order
+from pyrt.layout import constants
+from pyrt.partial import Adaptive
+from pyrt.passes import Traced, beam_count, tile_order
 
 GAIN_STEPS = 4  # bins per octave
 LOW_GAIN, GAIN_BINS = -80.0, 88 * GAIN_STEPS  # logarithm of the first bin's lower end, and their number
@@ -58,6 +60,32 @@ class Guide:
         head = (params.tobytes(), self.parameters)
         self.device.run(self.kernels["classify"], beam_count(params), *head, *scene, pixels, beams, fill=[classes])
         return classes
+
+    @property
+    def can_refine(self) -> bool:
+        """Whether the device computes in float64."""
+        return "refine" in self.kernels
+
+    def refine(self, traced: Traced, state: Adaptive, steady: int, floor: float) -> None:
+        """Adds a pass's samples to the state, with the bits of `adaptive.add`.
+
+        Args:
+            traced: a pass with all samples that its pixels are to have now; its `places` are those in the state.
+            steady: the level from which on errors are averaged.
+            floor: of squared radiance.
+        """
+        items = -(-int(traced.params["pixel_count"]) // constants()["PIXELS_REFINED"])
+        falls = np.empty((items, state.falls.size + 1))
+        share = self.device.share
+        head = (traced.params.tobytes(), np.uint32(len(state.count)), np.uint32(steady), np.float64(floor))
+        arrays = (traced.planes, traced.places, share(state.classes), share(state.wanted), share(state.decay))
+        changed: list[NDArray[Any]] = [state.sums, state.error, state.level, state.count, falls]
+        state.torn = True
+        self.device.run(self.kernels["refine"], items, *head, *arrays, fill=changed)
+        total = falls.sum(axis=0)
+        state.falls += total[:-1].reshape(state.falls.shape)
+        state.dropped += int(total[-1])
+        state.torn = False
 
     def gains(
         self,

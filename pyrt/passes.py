@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
@@ -61,6 +61,15 @@ class Ahead:
 
 
 @dataclass(frozen=True)
+class Traced:
+    """A pass: its parameters, and buffers of its samples and its pixels' places, until the next is asked for."""
+
+    params: NDArray[Any]
+    planes: Any
+    places: Any
+
+
+@dataclass(frozen=True)
 class SampleTracer:
     """Traces samples of one picture: the scene's buffers, the picture's parameters, and how to cut passes.
 
@@ -111,44 +120,62 @@ class SampleTracer:
         Returns the film of these pixels, and how many of them, from the first on, are complete: all, unless stopped.
         """
         film = Film.empty(len(pixels))
+        for traced in self.passes(pixels, first_sample, samples, ahead, places):
+            self._reduce(traced, film)
+            if not self.after_pass():
+                return film, _keep_complete(film, traced.params, first_sample + samples)
+        return film, len(pixels)
+
+    def whole(self, samples: int) -> bool:
+        """Whether each pass has so many samples of its pixels, instead of a part of them."""
+        return samples <= _most_samples(self.pass_samples)
+
+    def passes(
+        self,
+        pixels: NDArray[np.uint32],
+        first_sample: int,
+        samples: int,
+        ahead: Ahead | None = None,
+        places: NDArray[np.intp] | None = None,
+    ) -> Iterator[Traced]:
+        """Traces what `trace` does, and shows each pass. Its caller asks `after_pass` whether to go on."""
         passes = _passes(len(pixels), first_sample, samples, self.pass_samples)
         pixel_buffer = self.device.upload("pixels", pixels)
         planes = self.scratch.buffer("planes", 4 * max(3 * int(p["sample_count"]) * int(p["stride"]) for p in passes))
         counts = self.scratch.buffer("counts", 16 * max(_groups(p) for p in passes))
         if ahead is None:
             own_beams = self.scratch.buffer("beams", max(beam_count(p) for p in passes) * self.beam_bytes)
-            places_buffer, beams = pixel_buffer, own_beams
+            beams = own_beams
         else:
-            places_buffer, beams = self.device.upload("places", np.asarray(places, np.uint32)), ahead.beams
+            beams = ahead.beams
+        listed = pixel_buffer if places is None else self.device.upload("places", np.asarray(places, np.uint32))
         for params in passes:
             params["seed"], params["own_beams"] = self.seed, ahead is None
             start = perf_counter()
             if ahead is None and self.beam_bytes:
                 self._trace_beams(params, pixel_buffer, beams)
             scene = (params.tobytes(), self.parameters, *self.buffers.values())
-            lists = (pixel_buffer, places_buffer, beams, planes, counts)
+            lists = (pixel_buffer, listed, beams, planes, counts)
             self.device.run(self.kernels["render"], _items(params), *scene, *lists)
             self.tally.render_seconds += perf_counter() - start
             start = perf_counter()
-            self._reduce(params, planes, counts, film)
+            with self.device.mapped(counts, (_groups(params), 4), np.uint32) as array:
+                self.tally.counts += array.sum(axis=0, dtype=np.int64)
+            self.tally.samples += _items(params)
+            yield Traced(params, planes, listed)
             self.tally.reduce_seconds += perf_counter() - start
-            if not self.after_pass():
-                return film, _keep_complete(film, params, first_sample + samples)
-        return film, len(pixels)
 
     def _trace_beams(self, params: NDArray[Any], pixels: Any, beams: Any) -> None:
         names = ("nodes", "triangle_blocks", "sphere_blocks", "triangles", "lights")
         scene = (params.tobytes(), self.parameters, *(self.buffers[name] for name in names))
         self.device.run(self.kernels["trace_beams"], beam_count(params), *scene, pixels, beams)
 
-    def _reduce(self, params: NDArray[Any], planes: Any, counts: Any, film: Film) -> None:
+    def _reduce(self, traced: Traced, film: Film) -> None:
+        params = traced.params
         shape = (int(params["sample_count"]), 3, int(params["stride"]))
-        with self.device.mapped(planes, shape, np.float32) as array:
+        with self.device.mapped(traced.planes, shape, np.float32) as array:
             pixels = int(params["pixel_count"])
             film.add(array[:, :, :pixels], int(params["first_pixel"]), int(params["first_sample"]))
-        with self.device.mapped(counts, (_groups(params), 4), np.uint32) as array:
-            self.tally.counts += array.sum(axis=0, dtype=np.int64)
-        self.tally.samples += _items(params)
 
 
 def _keep_complete(film: Film, params: NDArray[Any], end: int) -> int:
@@ -198,7 +225,7 @@ def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[ND
     """PassParams of each pass: all samples of some beams, or, if there are too many, a range of them of one beam at a
     time. Whatever the passes, so, the same pixels share a beam."""
     beam = constants()["BEAM_PIXELS"]
-    sample_step = min(samples, max(1, pass_samples // beam))
+    sample_step = min(samples, _most_samples(pass_samples))
     pixel_step = max(1, pass_samples // (sample_step * beam)) * beam
     passes = []
     for first_pixel in range(0, pixels, pixel_step):
@@ -207,6 +234,10 @@ def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[ND
             sample_count = min(sample_step, first + samples - first_sample)
             passes.append(_pass_params(first_pixel, pixel_count, first_sample, sample_count))
     return passes
+
+
+def _most_samples(pass_samples: int) -> int:
+    return max(1, pass_samples // constants()["BEAM_PIXELS"])
 
 
 def _items(params: NDArray[Any]) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt import __version__, film
-from pyrt.adaptive import FIRST_SAMPLES, Refined, refine, summary
+from pyrt.adaptive import FIRST_SAMPLES, RADIANCE_FLOOR, STEADY_LEVEL, Refined, add, refine, summary
 from pyrt.aov import AOVS, GUIDES
 from pyrt.checkpoint import Saver, accumulate, begin, begin_adaptive, open_checkpoint
 from pyrt.denoise import denoised
@@ -135,13 +135,20 @@ def _adaptively(picture: _Picture, start: PartialAdaptive | None) -> Result:
     if ahead is not None:
         state.classes[:] = guide.classify(ahead.params, ahead.pixels, ahead.beams)
 
-    def trace(part: NDArray[np.uint32], first: int, count: int, places: NDArray[np.intp]) -> tuple[film.Film, int]:
-        return tracer.trace(part, first, count, ahead, places)
+    def trace(group: NDArray[np.intp], first: int, count: int) -> None:
+        work = (pixels[group], first, count, ahead, group)
+        if not (guide.can_refine and tracer.whole(count)):
+            made, complete = tracer.trace(*work)
+            return add(state, group[:complete], made)
+        for traced in tracer.passes(*work):
+            guide.refine(traced, state, STEADY_LEVEL, RADIANCE_FLOOR)
+            if not tracer.after_pass():
+                break
 
     goal = request.noise or 0.0, request.spp if start is None else start.spp
     saver = Saver(save, request.checkpoint_every)
     try:
-        refine(trace, guide, pixels, state, *goal, watch.going, watch.note_error, saver.save_if_due)
+        refine(trace, guide, state, *goal, watch.going, watch.note_error, saver.save_if_due)
     finally:
         save()
     return result()
