@@ -130,7 +130,7 @@ INLINE uint hits_merge(global ulong *hits, uint count, float apart)
 
 /* Fills the list with all hits with 0 < t < t_max, in order if they fit; returns how many there are after merging, or 0 if
  * they do not fit. */
-INLINE uint bvh_all_hits(const Scene *scene, const Ray *ray, HitList *list)
+NO_INLINE uint bvh_all_hits(const Scene *scene, const Ray *ray, HitList *list)
 {
     Shear shear;
     Hit none;

@@ -79,8 +79,8 @@ INLINE double advance_to_box(double3 o, double3 d, constant double *bound)
 
 /* False for a ray that is not finite or has no direction. space: centre (3), scale, bound of the scene (3); limits: t_max
  * of every ray, or with stride 0 of all. */
-INLINE bool ray_load(constant double *space, const global double *origins, const global double *directions,
-                     const global double *limits, uint stride, uint i, Ray *ray, RayFrame *frame)
+NO_INLINE bool ray_load(constant double *space, const global double *origins, const global double *directions,
+                        const global double *limits, uint stride, uint i, Ray *ray, RayFrame *frame)
 {
     double3 o = load_point(origins, i), d = load_point(directions, i);
     double limit = limits[(size_t)i * stride];

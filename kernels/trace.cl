@@ -8,6 +8,17 @@ static Scene trace_scene(constant SceneParams *params, const global BvhNode *nod
     return scene;
 }
 
+NO_INLINE bool trace_hit(const Scene *scene, const Ray *ray, Hit *hit)
+{
+    return bvh_hit(scene, ray, false, hit);
+}
+
+NO_INLINE bool trace_blocked(const Scene *scene, const Ray *ray)
+{
+    Hit hit;
+    return bvh_hit(scene, ray, true, &hit);
+}
+
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void trace_closest(uint count, constant SceneParams *params, const global BvhNode *nodes, const global TriangleBlock *blocks,
                    constant real *space, const global real *origins, const global real *directions,
@@ -24,7 +35,7 @@ void trace_closest(uint count, constant SceneParams *params, const global BvhNod
     bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
     if (!valid)
         atomic_inc(invalid);
-    bool found = valid && bvh_hit(&scene, &ray, false, &hit);
+    bool found = valid && trace_hit(&scene, &ray, &hit);
     t[i] = found ? ray_distance(&frame, hit.t) : (real)INFINITY;
     ids[i] = found ? hit.id : -1;
     u[i] = found ? hit.u : (real)0;
@@ -42,11 +53,10 @@ void trace_any(uint count, constant SceneParams *params, const global BvhNode *n
     const Scene scene = trace_scene(params, nodes, blocks);
     Ray ray;
     RayFrame frame;
-    Hit hit;
     bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
     if (!valid)
         atomic_inc(invalid);
-    occluded[i] = valid && bvh_hit(&scene, &ray, true, &hit);
+    occluded[i] = valid && trace_blocked(&scene, &ray);
 }
 
 /* All hits of ray i, from hits[starts[i]] to hits[starts[i + 1] - 1]. `found` counts them, `kept` what is left after merging:
