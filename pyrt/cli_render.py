@@ -166,7 +166,8 @@ def _render(args: argparse.Namespace) -> int:
             say("pyrt: interrupted before the first samples")
             return _INTERRUPTED
         progress({"stage": "save", "done": 0.0})
-        for path in outputs:
+        written = checkpoint if not interrupted and _is_saved(args, result) else None
+        for path in (path for path in outputs if path != written):
             for text in result.save(path, exposure=args.exposure, view=args.view, half=not args.float):
                 warn(text)
     warn_if_black(result)
@@ -225,6 +226,15 @@ def _checkpoint(args: argparse.Namespace, outputs: list[str]) -> str | None:
     if found is None and (keep or args.samples):
         raise UsageError("--checkpoint, --resume, --samples: expected an output ending in .exr, which can be continued")
     return found if keep else None
+
+
+def _is_saved(args: argparse.Namespace, result: Result) -> bool:
+    """Whether the checkpoint, which was saved when the render ended, is what would be written: to write the sums of all
+    pixels again takes as long as some of their samples."""
+    from pyrt.image_file import MAX_HALF
+
+    other = args.float or args.denoise or args.aov or not result.stats["samples"]
+    return not other and bool(abs(result.image).max() <= MAX_HALF)  # brighter ones are clamped with a warning
 
 
 def _check_outputs(paths: list[str], args: argparse.Namespace) -> None:

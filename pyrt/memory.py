@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pyrt.errors import PyrtError
 from pyrt.layout import constants, dtypes
-from pyrt.passes import PASS_SAMPLES
+from pyrt.passes import MAX_BEAM_BYTES, PASS_SAMPLES
 from pyrt.room import available
 from pyrt.scene import ImageTexture, Mesh, Rectangle, Scene, Sphere
 
@@ -89,7 +89,9 @@ def picture_bytes(
     in_pass = min(pixels, max(PASS_SAMPLES // (spp * beam), 1) * beam)
     planes = 13 * in_pass * min(spp, PASS_SAMPLES // beam)
     shafts = lights if lights <= constants()["SHAFT_LIGHTS"] else 0
-    beams = dtypes()["Candidates"].itemsize * (1 + shafts) * in_pass // beam
+    beam_bytes = dtypes()["Candidates"].itemsize * (1 + shafts)
+    ahead = beam_bytes * (pixels // beam)
+    beams = ahead if (keep or adaptive) and ahead <= MAX_BEAM_BYTES else beam_bytes * (in_pass // beam)
     nodes = spp.bit_count()  # and their sum
     sums = _ADAPTIVE if adaptive else _PIXEL + _SUM * (nodes + (nodes > 1)) * (1 + keep)
     return planes + beams + pixels * (max(sums, _WRITTEN) + _CHANNEL * channels)

@@ -18,7 +18,7 @@ PASS_SAMPLES = 1 << 22  # samples of one pass, by default: 48 MiB of radiance
 _TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 
-_MAX_BEAM_BYTES = 1 << 30  # of a whole picture
+MAX_BEAM_BYTES = 1 << 30  # of a whole picture
 
 
 @dataclass
@@ -98,7 +98,7 @@ class SampleTracer:
         """The beams of all pixels of a picture, for `trace`; None if there are none, or too many to keep."""
         params = _pass_params(0, len(pixels), 0, 1)
         size = beam_count(params) * self.beam_bytes
-        if not 0 < size <= min(_MAX_BEAM_BYTES, self.device.info.max_alloc):
+        if not 0 < size <= min(MAX_BEAM_BYTES, self.device.info.max_alloc):
             return None
         start = perf_counter()
         ahead = Ahead(params, self.device.upload("pixels", pixels), self.scratch.buffer("beams ahead", size))

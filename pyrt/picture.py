@@ -113,8 +113,12 @@ def _in_rounds(picture: _Picture, start: Partial) -> Result:
         if request.checkpoint is not None:
             result(partial).save(request.checkpoint)
 
-    every = request.checkpoint_every
-    return result(accumulate(picture.tracer.trace, picture.pixels, start, save, every, watch.going))
+    ahead, places = picture.tracer.look_ahead(picture.pixels), np.arange(len(picture.pixels))
+
+    def trace(pixels: NDArray[np.uint32], first: int, count: int) -> tuple[film.Film, int]:
+        return picture.tracer.trace(pixels, first, count, ahead, places)
+
+    return result(accumulate(trace, picture.pixels, start, save, request.checkpoint_every, watch.going))
 
 
 def _adaptively(picture: _Picture, start: PartialAdaptive | None) -> Result:

@@ -26,6 +26,7 @@ from pyrt.adaptive import FIRST_SAMPLES
 from pyrt.cli import main
 from pyrt.farm import merge, render_parallel
 from pyrt.partial_file import read_header, read_partial
+from pyrt.passes import SampleTracer
 from pyrt.result import Result
 
 SIZE = (20, 13)
@@ -95,6 +96,27 @@ def test_a_checkpoint_changes_no_bits(renderer, whole, tmp_path):
     assert_same_bits(result, whole)
     assert read_partial(tmp_path / "a.exr").end == SPP
     assert os.listdir(tmp_path) == ["a.exr"]
+
+
+def test_all_rounds_share_what_was_looked_ahead(renderer, whole, tmp_path, monkeypatch):
+    looks = []
+    look = SampleTracer._trace_beams
+    monkeypatch.setattr(SampleTracer, "_trace_beams", lambda *args: looks.append(args) or look(*args))
+    rounds = []
+    renderer.render(SPP, checkpoint=tmp_path / "a.exr", checkpoint_every=0, progress=rounds.append)
+    assert len(looks) == 1 < len(rounds)
+
+
+@pytest.mark.parametrize(("options", "writes"), [([], 1), (["--float"], 2), (["--aov", "z"], 2)])
+def test_the_last_checkpoint_is_the_output(scene_file, tmp_path, monkeypatch, options, writes):
+    saved = []
+    save = Result.save
+    monkeypatch.setattr(Result, "save", lambda self, path, **kw: saved.append(Path(path)) or save(self, path, **kw))
+    out = [str(tmp_path / name) for name in ("a.exr", "a.png")]
+    words = ["render", str(scene_file), "-q", "--spp", str(SPP), "--checkpoint", "1h", "-o", out[0], "-o", out[1]]
+    assert main([*words, *options]) == 0
+    assert [saved.count(Path(path)) for path in out] == [writes, 1]
+    assert read_partial(out[0]).end == SPP
 
 
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt, ValueError])
