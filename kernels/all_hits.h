@@ -19,15 +19,16 @@
 #define HIT_BACK 3UL
 #define EDGE_ULPS 16.0f /* how far apart hits on a shared edge may seem, in roundings of the farthest depth */
 
-/* The sign of the edge function of (p, q) at a point moved by (1, eps), where it is 0 at the point itself. */
-INLINE float moved_sign(float px, float py, float qx, float qy)
-{
-    return py != qy ? py - qy : qx - px;
-}
-
 INLINE float lane8(float8 v, int lane)
 {
     return ((const float *)&v)[lane];
+}
+
+/* The sign of the edge function of (p, q) at a point moved by (1, eps), where it is 0 at the point itself. */
+INLINE float moved_sign(float8 px, float8 py, float8 qx, float8 qy, int lane)
+{
+    float rise = lane8(py, lane) - lane8(qy, lane);
+    return rise != 0.0f ? rise : lane8(qx, lane) - lane8(px, lane);
 }
 
 typedef struct {
@@ -37,40 +38,25 @@ typedef struct {
     bool edges; /* some hit is on an edge */
 } HitList;
 
-/* Adds the block's hits with 0 < t < t_max. The arithmetic is triangle_block_hit's. */
+/* Adds the block's hits with 0 < t < t_max. */
 INLINE void triangle_block_all(const global TriangleBlock *block, const Shear *s, float t_max, HitList *list)
 {
-    float8 sx = -s->sx, sy = -s->sy;
-    float8 az = load8(block->vertex[0][s->kz]) - s->oz;
-    float8 ax = fma8(sx, az, load8(block->vertex[0][s->kx]) - s->ox);
-    float8 ay = fma8(sy, az, load8(block->vertex[0][s->ky]) - s->oy);
-    float8 bz = load8(block->vertex[1][s->kz]) - s->oz;
-    float8 bx = fma8(sx, bz, load8(block->vertex[1][s->kx]) - s->ox);
-    float8 by = fma8(sy, bz, load8(block->vertex[1][s->ky]) - s->oy);
-    float8 cz = load8(block->vertex[2][s->kz]) - s->oz;
-    float8 cx = fma8(sx, cz, load8(block->vertex[2][s->kx]) - s->ox);
-    float8 cy = fma8(sy, cz, load8(block->vertex[2][s->ky]) - s->oy);
-
-    float8 u = cross8(cx, cy, bx, by);
-    float8 v = cross8(ax, ay, cx, cy);
-    float8 w = cross8(bx, by, ax, ay);
-    float8 low = min8(u, min8(v, w)), high = max8(u, max8(v, w));
-    uint mask = mask8((low >= 0.0f) ^ (high <= 0.0f));
-    if (mask == 0u)
+    Sheared e;
+    int8 inside = sheared_from(block, s, &e);
+    if (mask8(inside) == 0u)
         return;
-    float8 inv_det = 1.0f / (u + v + w);
-    float8 t = fma8(fma8(v, bz - az, w * (cz - az)), inv_det, az) * s->sz;
-    mask &= mask8((t > 0.0f) & (t < t_max));
-    uint edges = mask8((u == 0.0f) | (v == 0.0f) | (w == 0.0f));
+    float8 t = sheared_t(&e, s, 1.0f / (e.u + e.v + e.w));
+    uint mask = mask8(inside & (t > 0.0f) & (t < t_max));
+    uint edges = mask8((e.u == 0.0f) | (e.v == 0.0f) | (e.w == 0.0f));
     for (; mask != 0u; mask &= mask - 1u) {
         int lane = lowest_bit(mask);
         ulong kind = HIT_WHOLE;
         if (edges >> lane & 1u) {
-            float ux = lane8(u, lane), vx = lane8(v, lane), wx = lane8(w, lane);
+            float ux = lane8(e.u, lane), vx = lane8(e.v, lane), wx = lane8(e.w, lane);
             kind = ux + vx + wx > 0.0f ? HIT_FRONT : HIT_BACK;
-            ux = ux != 0.0f ? ux : moved_sign(lane8(cx, lane), lane8(cy, lane), lane8(bx, lane), lane8(by, lane));
-            vx = vx != 0.0f ? vx : moved_sign(lane8(ax, lane), lane8(ay, lane), lane8(cx, lane), lane8(cy, lane));
-            wx = wx != 0.0f ? wx : moved_sign(lane8(bx, lane), lane8(by, lane), lane8(ax, lane), lane8(ay, lane));
+            ux = ux != 0.0f ? ux : moved_sign(e.cx, e.cy, e.bx, e.by, lane);
+            vx = vx != 0.0f ? vx : moved_sign(e.ax, e.ay, e.cx, e.cy, lane);
+            wx = wx != 0.0f ? wx : moved_sign(e.bx, e.by, e.ax, e.ay, lane);
             if ((ux > 0.0f && vx > 0.0f && wx > 0.0f) || (ux < 0.0f && vx < 0.0f && wx < 0.0f))
                 kind = HIT_OWNED;
             list->edges = true;
@@ -130,13 +116,10 @@ INLINE uint hits_merge(global ulong *hits, uint count, float apart)
 
 /* Fills the list with all hits with 0 < t < t_max, in order if they fit; returns how many there are after merging, or 0 if
  * they do not fit. */
-NO_INLINE uint bvh_all_hits(const Scene *scene, const Ray *ray, HitList *list)
+NO_INLINE uint bvh_all_hits(const Scene *scene, const Query *query, int lane, float t_max, HitList *list)
 {
-    Shear shear;
-    Hit none;
-    if (!ray_prepare(ray, &shear, &none))
-        return 0u;
-    SlabRay slabs = slab_ray_from(scene, ray, &shear);
+    Shear shear = shear_lane(&query->shears, lane);
+    SlabRay slabs = slab_lane(&query->slabs, lane);
     Stack stack;
     stack.top = 0;
     int current = scene->params->root;
@@ -144,17 +127,17 @@ NO_INLINE uint bvh_all_hits(const Scene *scene, const Ray *ray, HitList *list)
         if (current >= 0) {
             const global BvhNode *node = &scene->nodes[current];
             float8 near;
-            uint mask = slab_hits(node, &slabs, ray->t_max, &near);
+            uint mask = slab_hits(node, &slabs, t_max, &near);
             if (mask != 0u) {
                 current = stack_push_any(&stack, node, mask);
                 continue;
             }
         } else {
-            triangle_block_all(&scene->triangle_blocks[~current >> 1], &shear, ray->t_max, list);
+            triangle_block_all(&scene->triangle_blocks[~current >> 1], &shear, t_max, list);
         }
         if (stack.top == 0)
             break;
-        current = stack.child[--stack.top];
+        current = (int)(uint)stack.entry[--stack.top];
     }
     if (list->count > list->capacity)
         return 0u;

@@ -92,6 +92,10 @@ INLINE void vec2_set(Vec2 *v, int lane, float2 value)
 INLINE OVERLOADED float8 fma1(float8 a, float8 b, float8 c) { return fma8(a, b, c); }
 INLINE OVERLOADED float8 sqrt1(float8 a) { return sqrt8(a); }
 INLINE OVERLOADED float8 abs1(float8 a) { return abs8(a); }
+INLINE OVERLOADED float8 copysign1(float8 a, float8 b)
+{
+    return as_float8((as_int8(a) & 0x7fffffff) | (as_int8(b) & (int)0x80000000));
+}
 INLINE OVERLOADED float8 min1(float8 a, float8 b) { return min8(a, b); }
 INLINE OVERLOADED float8 max1(float8 a, float8 b) { return max8(a, b); }
 INLINE OVERLOADED float8 lerp1(float8 a, float8 b, float8 t) { return fma8(t, b - a, a); }

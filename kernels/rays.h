@@ -122,4 +122,27 @@ INLINE bool ray_load(constant float *space, const global float *origins, const g
 INLINE float ray_distance(const RayFrame *frame, float t) { return t; }
 
 #endif
+
+/* Loads rays `first` to first + PACKET - 1, or to the last; returns the lanes of those that are valid, and counts the others. */
+INLINE uint rays_load(constant real *space, const global real *origins, const global real *directions,
+                      const global real *limits, uint stride, uint first, uint count, Rays *rays, RayFrame *frames,
+                      global uint *invalid)
+{
+    uint lanes = 0u, asked = 0u;
+    rays->o = rays->d = vec_of(0.0f, 0.0f, 0.0f);
+    rays->t_max = (Real)(0.0f);
+    for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane, ++asked) {
+        Ray ray;
+        if (!ray_load(space, origins, directions, limits, stride, first + lane, &ray, &frames[lane]))
+            continue;
+        lanes |= 1u << lane;
+        vec_set(&rays->o, lane, ray.o);
+        vec_set(&rays->d, lane, ray.d);
+        real_set(&rays->t_max, lane, ray.t_max);
+    }
+    if (popcount(lanes) < asked)
+        atomic_add(invalid, asked - popcount(lanes));
+    return lanes;
+}
+
 #endif

@@ -4,6 +4,10 @@
 
 #include "packet.h"
 
+#ifndef RAYS_SKIP
+#define RAYS_SKIP 1 /* whether rays have primitives that they must not hit */
+#endif
+
 typedef struct {
     const constant SceneParams *params;
     const global BvhNode *nodes;
@@ -72,6 +76,12 @@ INLINE Ray ray_lane(const Rays *rays, int lane)
     return ray;
 }
 
+INLINE Hit hit_lane(const Hits *hits, int lane)
+{
+    Hit hit = {real_lane(&hits->t, lane), real_lane(&hits->u, lane), real_lane(&hits->v, lane), int_lane(&hits->id, lane)};
+    return hit;
+}
+
 INLINE void hit_set(Hits *hits, int lane, const Hit *hit)
 {
     real_set(&hits->t, lane, hit->t);
@@ -80,15 +90,12 @@ INLINE void hit_set(Hits *hits, int lane, const Hit *hit)
     int_set(&hits->id, lane, hit->id);
 }
 
-/* Ties go to the lower id, so that the result does not depend on the order of the traversal. */
-INLINE bool hit_is_closer(const Hit *hit, float t, int id)
-{
-    return t < hit->t || (t == hit->t && id < hit->id);
-}
+/* For one ray or for a packet's. Ties go to the lower id, so that the result does not depend on the order of the traversal. */
+#define IS_CLOSER(HIT, T, ID) (((T) < (HIT)->t) | (((T) == (HIT)->t) & ((ID) < (HIT)->id)))
 
 INLINE bool ray_skips(const Ray *ray, int id)
 {
-    return id == ray->self || (uint)(id - ray->light_first) < ray->light_count;
+    return RAYS_SKIP && (id == ray->self || (uint)(id - ray->light_first) < ray->light_count);
 }
 
 #endif

@@ -40,7 +40,7 @@ INLINE bool sphere_block_hit(const global SphereBlock *block, const Ray *ray, bo
         int lane = lowest_bit(mask);
         int id = block->id[lane];
         float t_lane = ((const float *)&t)[lane];
-        if ((uint)(id - ray->light_first) < ray->light_count || !hit_is_closer(hit, t_lane, id))
+        if ((uint)(id - ray->light_first) < ray->light_count || !IS_CLOSER(hit, t_lane, id))
             continue;
         hit->t = t_lane;
         hit->u = 0.0f;

@@ -1,4 +1,5 @@
-/* Ray queries: one work-item per ray, in the caller's coordinates (see rays.h). */
+/* Ray queries in the caller's coordinates (see rays.h): one work-item for PACKET rays. */
+#define RAYS_SKIP 0
 #include "all_hits.h"
 #include "rays.h"
 
@@ -8,38 +9,29 @@ static Scene trace_scene(constant SceneParams *params, const global BvhNode *nod
     return scene;
 }
 
-NO_INLINE bool trace_hit(const Scene *scene, const Ray *ray, Hit *hit)
-{
-    return bvh_hit(scene, ray, false, hit);
-}
-
-NO_INLINE bool trace_blocked(const Scene *scene, const Ray *ray)
-{
-    Hit hit;
-    return bvh_hit(scene, ray, true, &hit);
-}
-
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void trace_closest(uint count, constant SceneParams *params, const global BvhNode *nodes, const global TriangleBlock *blocks,
                    constant real *space, const global real *origins, const global real *directions,
                    const global real *limits, uint stride, global uint *invalid,
                    global real *t, global int *ids, global real *u, global real *v)
 {
-    uint i = (uint)get_global_id(0);
-    if (i >= count)
+    uint first = (uint)get_global_id(0) * PACKET;
+    if (first >= count)
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
-    Ray ray;
-    RayFrame frame;
-    Hit hit;
-    bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
-    if (!valid)
-        atomic_inc(invalid);
-    bool found = valid && trace_hit(&scene, &ray, &hit);
-    t[i] = found ? ray_distance(&frame, hit.t) : (real)INFINITY;
-    ids[i] = found ? hit.id : -1;
-    u[i] = found ? hit.u : (real)0;
-    v[i] = found ? hit.v : (real)0;
+    Rays rays;
+    RayFrame frames[PACKET];
+    Hits hits;
+    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, frames, invalid);
+    uint found = bvh_hits(&scene, &rays, lanes, false, &hits);
+    for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane) {
+        uint i = first + lane;
+        bool hit = found >> lane & 1u;
+        t[i] = hit ? ray_distance(&frames[lane], real_lane(&hits.t, lane)) : (real)INFINITY;
+        ids[i] = hit ? int_lane(&hits.id, lane) : -1;
+        u[i] = hit ? real_lane(&hits.u, lane) : (real)0;
+        v[i] = hit ? real_lane(&hits.v, lane) : (real)0;
+    }
 }
 
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
@@ -47,16 +39,17 @@ void trace_any(uint count, constant SceneParams *params, const global BvhNode *n
                constant real *space, const global real *origins, const global real *directions,
                const global real *limits, uint stride, global uint *invalid, global uchar *occluded)
 {
-    uint i = (uint)get_global_id(0);
-    if (i >= count)
+    uint first = (uint)get_global_id(0) * PACKET;
+    if (first >= count)
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
-    Ray ray;
-    RayFrame frame;
-    bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
-    if (!valid)
-        atomic_inc(invalid);
-    occluded[i] = valid && trace_blocked(&scene, &ray);
+    Rays rays;
+    RayFrame frames[PACKET];
+    Hits hits;
+    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, frames, invalid);
+    uint found = bvh_hits(&scene, &rays, lanes, true, &hits);
+    for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane)
+        occluded[first + lane] = found >> lane & 1u;
 }
 
 /* All hits of ray i, from hits[starts[i]] to hits[starts[i + 1] - 1]. `found` counts them, `kept` what is left after merging:
@@ -67,18 +60,22 @@ void trace_all(uint count, constant SceneParams *params, const global BvhNode *n
                const global real *limits, uint stride, const global long *starts, global uint *invalid,
                global uint *found, global uint *kept, global ulong *hits)
 {
-    uint i = (uint)get_global_id(0);
-    if (i >= count)
+    uint first = (uint)get_global_id(0) * PACKET;
+    if (first >= count)
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
-    Ray ray;
-    RayFrame frame;
-    HitList list = {hits + starts[i], (uint)(starts[i + 1] - starts[i]), 0u, false};
-    bool valid = ray_load(space, origins, directions, limits, stride, i, &ray, &frame);
-    if (!valid)
-        atomic_inc(invalid);
-    kept[i] = valid ? bvh_all_hits(&scene, &ray, &list) : 0u;
-    found[i] = list.count;
+    Rays rays;
+    RayFrame frames[PACKET];
+    Query query;
+    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, frames, invalid);
+    lanes = query_from(&scene, &rays, lanes, &query);
+    for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane) {
+        uint i = first + lane;
+        HitList list = {hits + starts[i], (uint)(starts[i + 1] - starts[i]), 0u, false};
+        bool valid = lanes >> lane & 1u;
+        kept[i] = valid ? bvh_all_hits(&scene, &query, lane, real_lane(&rays.t_max, lane), &list) : 0u;
+        found[i] = list.count;
+    }
 }
 
 #if HAS_DOUBLE

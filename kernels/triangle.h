@@ -41,6 +41,43 @@ INLINE Shear shear_from(float3 o, float3 d)
     return s;
 }
 
+/* The same of a packet's rays, lane by lane. */
+typedef struct {
+    Int kz;
+    Real ox, oy, oz;
+    Real sx, sy, sz;
+} Shears;
+
+INLINE Real along(Int axis, Real x, Real y, Real z)
+{
+    return axis == 0 ? x : axis == 1 ? y : z;
+}
+
+/* Returns the lanes that can hit something: not rays without a direction, nor what is not finite. */
+INLINE uint shears_from(const Rays *rays, uint lanes, Shears *s)
+{
+    Vec o = rays->o, d = rays->d;
+    Real x = abs1(d.x), y = abs1(d.y), z = abs1(d.z);
+    Int kz = (x > y) & (x > z) ? (Int)(0) : !(x > y) & (y > z) ? (Int)(1) : (Int)(2);
+    s->kz = kz;
+    s->ox = along(kz, o.y, o.z, o.x);
+    s->oy = along(kz, o.z, o.x, o.y);
+    s->oz = along(kz, o.x, o.y, o.z);
+    s->sz = 1.0f / along(kz, d.x, d.y, d.z);
+    s->sx = along(kz, d.y, d.z, d.x) * s->sz;
+    s->sy = along(kz, d.z, d.x, d.y) * s->sz;
+    Real sum = abs1(s->ox) + abs1(s->oy) + abs1(s->oz) + abs1(s->sx) + abs1(s->sy);
+    return lanes & lanes_of((s->sz != 0.0f) & (abs1(s->sz) <= 0x1p100f) & (sum < INFINITY));
+}
+
+INLINE Shear shear_lane(const Shears *s, int lane)
+{
+    int kz = int_lane(&s->kz, lane), kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
+    Shear shear = {kx, ky, kz, real_lane(&s->ox, lane), real_lane(&s->oy, lane), real_lane(&s->oz, lane),
+                   real_lane(&s->sx, lane), real_lane(&s->sy, lane), real_lane(&s->sz, lane)};
+    return shear;
+}
+
 /* px qy - py qx within 1.5 ulp, and so of the right sign (Jeannerod, Louvet, Muller: Further Analysis of Kahan's Algorithm
  * for the Accurate Computation of 2x2 Determinants, 2013). */
 #define CROSS(NAME, REAL, FMA) \
@@ -53,83 +90,95 @@ INLINE Shear shear_from(float3 o, float3 d)
 CROSS(cross8, float8, fma8)
 CROSS(cross_lanes, Real, fma1)
 
-/* Tests one block; with `any`, returns at the first hit. Updates *hit and returns whether it changed. */
-INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s, const Ray *ray, bool any, Hit *hit)
+/* By the least and the largest edge function. Where both hold, all are zero. */
+#define IS_INSIDE(LOW, HIGH) (((LOW) >= 0.0f) ^ ((HIGH) <= 0.0f))
+
+/* The triangles of a block as a ray sees them: corners a, b and c sheared, z the depth, and the edge functions opposite of them. */
+typedef struct {
+    float8 ax, ay, az, bx, by, bz, cx, cy, cz;
+    float8 u, v, w;
+} Sheared;
+
+/* Returns which of them the ray passes through, before or behind its origin. */
+INLINE int8 sheared_from(const global TriangleBlock *block, const Shear *s, Sheared *e)
 {
     float8 sx = -s->sx, sy = -s->sy;
-    float8 az = load8(block->vertex[0][s->kz]) - s->oz;
-    float8 ax = fma8(sx, az, load8(block->vertex[0][s->kx]) - s->ox);
-    float8 ay = fma8(sy, az, load8(block->vertex[0][s->ky]) - s->oy);
-    float8 bz = load8(block->vertex[1][s->kz]) - s->oz;
-    float8 bx = fma8(sx, bz, load8(block->vertex[1][s->kx]) - s->ox);
-    float8 by = fma8(sy, bz, load8(block->vertex[1][s->ky]) - s->oy);
-    float8 cz = load8(block->vertex[2][s->kz]) - s->oz;
-    float8 cx = fma8(sx, cz, load8(block->vertex[2][s->kx]) - s->ox);
-    float8 cy = fma8(sy, cz, load8(block->vertex[2][s->ky]) - s->oy);
+    e->az = load8(block->vertex[0][s->kz]) - s->oz;
+    e->ax = fma8(sx, e->az, load8(block->vertex[0][s->kx]) - s->ox);
+    e->ay = fma8(sy, e->az, load8(block->vertex[0][s->ky]) - s->oy);
+    e->bz = load8(block->vertex[1][s->kz]) - s->oz;
+    e->bx = fma8(sx, e->bz, load8(block->vertex[1][s->kx]) - s->ox);
+    e->by = fma8(sy, e->bz, load8(block->vertex[1][s->ky]) - s->oy);
+    e->cz = load8(block->vertex[2][s->kz]) - s->oz;
+    e->cx = fma8(sx, e->cz, load8(block->vertex[2][s->kx]) - s->ox);
+    e->cy = fma8(sy, e->cz, load8(block->vertex[2][s->ky]) - s->oy);
 
-    float8 u = cross8(cx, cy, bx, by);
-    float8 v = cross8(ax, ay, cx, cy);
-    float8 w = cross8(bx, by, ax, ay);
-    float8 low = min8(u, min8(v, w)), high = max8(u, max8(v, w));
-    uint mask = mask8((low >= 0.0f) ^ (high <= 0.0f)); /* both: all are zero */
-    if (mask == 0u)
-        return false;
+    e->u = cross8(e->cx, e->cy, e->bx, e->by);
+    e->v = cross8(e->ax, e->ay, e->cx, e->cy);
+    e->w = cross8(e->bx, e->by, e->ax, e->ay);
+    float8 low = min8(e->u, min8(e->v, e->w)), high = max8(e->u, max8(e->v, e->w));
+    return IS_INSIDE(low, high);
+}
 
-    float8 inv_det = 1.0f / (u + v + w);
-    float8 t = fma8(fma8(v, bz - az, w * (cz - az)), inv_det, az) * s->sz;
-    mask &= mask8((t > 0.0f) & (t <= hit->t));
+INLINE float8 sheared_t(const Sheared *e, const Shear *s, float8 inv_det)
+{
+    return fma8(fma8(e->v, e->bz - e->az, e->w * (e->cz - e->az)), inv_det, e->az) * s->sz;
+}
+
+/* Tests one block. Updates *hit and returns whether it changed; with `any`, only tells whether something is hit. */
+INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s, const Ray *ray, bool any, Hit *hit)
+{
+    Sheared e;
+    int8 inside = sheared_from(block, s, &e);
+    float8 inv_det = 1.0f / (e.u + e.v + e.w);
+    float8 t = sheared_t(&e, s, inv_det);
+    uint mask = mask8(inside & (t > 0.0f) & (any ? t < hit->t : t <= hit->t));
     bool changed = false;
     for (; mask != 0u; mask &= mask - 1u) {
         int lane = lowest_bit(mask);
         int id = block->id[lane];
+        if (ray_skips(ray, id))
+            continue;
+        if (any)
+            return true;
         float t_lane = ((const float *)&t)[lane];
-        if (ray_skips(ray, id) || !hit_is_closer(hit, t_lane, id))
+        if (!IS_CLOSER(hit, t_lane, id))
             continue;
         float scale = ((const float *)&inv_det)[lane];
         hit->t = t_lane;
-        hit->u = ((const float *)&v)[lane] * scale;
-        hit->v = ((const float *)&w)[lane] * scale;
+        hit->u = ((const float *)&e.v)[lane] * scale;
+        hit->v = ((const float *)&e.w)[lane] * scale;
         hit->id = id;
         changed = true;
-        if (any)
-            return true;
     }
     return changed;
 }
 
-INLINE Real component(const Vec *v, int axis)
-{
-    return axis == 0 ? v->x : axis == 1 ? v->y : v->z;
-}
-
-/* As bvh_hit, for lanes whose largest direction component is kz, against the first `count` triangles of a block: the same
- * arithmetic, with a triangle and many rays in place of a ray and many triangles. */
-INLINE uint triangles_hits_along(const global TriangleBlock *block, int count, int kz, const Rays *rays, uint lanes, bool any,
-                                 Hits *hits)
+/* As triangle_block_hit for lanes whose dominant axis is kz, with some triangles of a block: the same arithmetic, with a
+ * triangle and many rays in place of a ray and many triangles. */
+INLINE uint triangle_block_hits_along(const global TriangleBlock *block, uint triangles, int kz, const Rays *rays,
+                                      const Shears *s, uint lanes, bool any, Hits *hits)
 {
     int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
-    Real ox = component(&rays->o, kx), oy = component(&rays->o, ky), oz = component(&rays->o, kz);
-    Real sz = 1.0f / component(&rays->d, kz);
-    Real sx = component(&rays->d, kx) * sz, sy = component(&rays->d, ky) * sz;
-    Real sum = abs1(ox) + abs1(oy) + abs1(oz) + abs1(sx) + abs1(sy);
-    lanes &= lanes_of((sz != 0.0f) & (abs1(sz) <= 0x1p100f) & (sum < INFINITY));
     uint found = 0u;
-    for (int i = 0; i < count; ++i) {
-        Real az = block->vertex[0][kz][i] - oz, bz = block->vertex[1][kz][i] - oz, cz = block->vertex[2][kz][i] - oz;
-        Real ax = fma1(-sx, az, block->vertex[0][kx][i] - ox), ay = fma1(-sy, az, block->vertex[0][ky][i] - oy);
-        Real bx = fma1(-sx, bz, block->vertex[1][kx][i] - ox), by = fma1(-sy, bz, block->vertex[1][ky][i] - oy);
-        Real cx = fma1(-sx, cz, block->vertex[2][kx][i] - ox), cy = fma1(-sy, cz, block->vertex[2][ky][i] - oy);
+    for (; triangles != 0u; triangles &= triangles - 1u) {
+        int i = lowest_bit(triangles);
+        Real az = block->vertex[0][kz][i] - s->oz, bz = block->vertex[1][kz][i] - s->oz, cz = block->vertex[2][kz][i] - s->oz;
+        Real ax = fma1(-s->sx, az, block->vertex[0][kx][i] - s->ox), ay = fma1(-s->sy, az, block->vertex[0][ky][i] - s->oy);
+        Real bx = fma1(-s->sx, bz, block->vertex[1][kx][i] - s->ox), by = fma1(-s->sy, bz, block->vertex[1][ky][i] - s->oy);
+        Real cx = fma1(-s->sx, cz, block->vertex[2][kx][i] - s->ox), cy = fma1(-s->sy, cz, block->vertex[2][ky][i] - s->oy);
         Real u = cross_lanes(cx, cy, bx, by), v = cross_lanes(ax, ay, cx, cy), w = cross_lanes(bx, by, ax, ay);
         Real low = min1(u, min1(v, w)), high = max1(u, max1(v, w));
-        uint inside = lanes & lanes_of((low >= 0.0f) ^ (high <= 0.0f));
+        uint inside = lanes & lanes_of(IS_INSIDE(low, high));
         if (inside == 0u)
             continue;
         int id = block->id[i];
         Real inv_det = 1.0f / (u + v + w);
-        Real t = fma1(fma1(v, bz - az, w * (cz - az)), inv_det, az) * sz;
-        Int skipped = rays->self == id | (bits_of(id - rays->light_first) < rays->light_count);
-        Int closer = (t < hits->t) | ((t == hits->t) & (hits->id > id));
-        inside &= lanes_of((t > 0.0f) & closer & !skipped);
+        Real t = fma1(fma1(v, bz - az, w * (cz - az)), inv_det, az) * s->sz;
+        Int closer = IS_CLOSER(hits, t, id);
+        if (RAYS_SKIP)
+            closer &= !(rays->self == id | (bits_of(id - rays->light_first) < rays->light_count));
+        inside &= lanes_of((t > 0.0f) & closer);
         found |= inside;
         if (any) {
             lanes &= ~inside;
@@ -146,22 +195,30 @@ INLINE uint triangles_hits_along(const global TriangleBlock *block, int count, i
     return found;
 }
 
-/* As bvh_hit for each of the lanes, of a scene that is the first `count` triangles of the block; returns those that hit. */
+/* The same for all axes. Updates *hits and returns the lanes that changed; with `any`, only returns those that hit. */
+INLINE uint triangle_block_hits(const global TriangleBlock *block, uint triangles, const Rays *rays, const Shears *s,
+                                uint lanes, bool any, Hits *hits)
+{
+    uint found = 0u;
+    for (int axis = 0; axis < 3; ++axis) {
+        uint some = lanes & lanes_of(s->kz == axis);
+        if (some != 0u)
+            found |= triangle_block_hits_along(block, triangles, axis, rays, s, some, any, hits);
+    }
+    return found;
+}
+
+/* As bvh_hits, of a scene that is the first `count` triangles of the block. */
 NO_INLINE uint triangles_hits(const global TriangleBlock *block, int count, const Rays *rays, uint lanes, bool any,
                               Hits *hits)
 {
+    Shears shears;
     hits->t = rays->t_max;
     hits->id = (Int)(-1);
     if (count == 0)
         return 0u;
-    Real x = abs1(rays->d.x), y = abs1(rays->d.y), z = abs1(rays->d.z);
-    uint along_x = lanes & lanes_of((x > y) & (x > z)), along_y = lanes & ~along_x & lanes_of(!(x > y) & (y > z));
-    uint axes[3] = {along_x, along_y, lanes & ~along_x & ~along_y};
-    uint found = 0u;
-    for (int axis = 0; axis < 3; ++axis)
-        if (axes[axis] != 0u)
-            found |= triangles_hits_along(block, count, axis, rays, axes[axis], any, hits);
-    return found;
+    lanes = shears_from(rays, lanes, &shears);
+    return triangle_block_hits(block, (1u << count) - 1u, rays, &shears, lanes, any, hits);
 }
 
 #endif

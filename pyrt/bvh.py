@@ -133,6 +133,8 @@ def _wide_nodes(
     node_total, block_total = 1, 0
     while len(nodes):
         slots = _open(tree, plan, nodes)
+        # Any hit takes the last first: the fewest primitives, which are often large, and soon tested.
+        slots = np.take_along_axis(slots, np.argsort(-count[slots], axis=1, kind="stable"), axis=1)
         box = boxes[:, slots].reshape(2, 3, len(nodes), WIDTH).transpose(2, 1, 0, 3)
         bounds.append(box * np.array([[-1], [1]], np.float32))
         inner, block = count[slots] > WIDTH, (slots >= 0) & (count[slots] <= WIDTH)

@@ -72,7 +72,8 @@ class RayTracer:
         self._bound = largest_coordinates(normal.reshape(-1, 3))
         self._device = open_device(device)
         self._double = self._device.has_double
-        self._kernels = self._device.build("trace.cl", ["-DHAS_SPHERES=0", f"-DHAS_DOUBLE={int(self._double)}"])
+        shape = [f"-DHAS_DOUBLE={int(self._double)}", f"-DPACKET={self._device.packet}"]
+        self._kernels = self._device.build("trace.cl", ["-DHAS_SPHERES=0", *shape])
         self._scene = [self._device.upload(name, array) for name, array in self._pack(normal).items()]
 
     def _pack(self, corners: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
@@ -203,16 +204,19 @@ class RayTracer:
     def _trace(self, kernel: str, rays: Rays, *outputs: NDArray[Any], extra: Sequence[NDArray[Any]] = ()) -> int:
         """Runs the kernel on contiguous rays of its own precision, and counts those that it found invalid."""
         invalid = np.zeros(1, np.uint32)
-        self._launch(kernel, len(rays), [*self._scene, *_arguments(rays), *extra], [invalid, *outputs])
+        inputs = [*self._scene, *_arguments(rays), *extra]
+        self._launch(kernel, len(rays), inputs, [invalid, *outputs], self._device.packet)
         return int(invalid[0])
 
-    def _launch(self, kernel: str, count: int, inputs: Sequence[Any], outputs: Sequence[NDArray[Any]]) -> None:
-        """Runs the kernel for `count` items on arrays, buffers and numbers, and fills the outputs."""
+    def _launch(
+        self, kernel: str, count: int, inputs: Sequence[Any], outputs: Sequence[NDArray[Any]], packet: int = 1
+    ) -> None:
+        """Runs the kernel for `count` items on arrays, buffers and numbers, `packet` at a time, and fills outputs."""
         if count == 0:
             return
         share = self._device.share
         arguments = [share(each) if isinstance(each, np.ndarray) else each for each in inputs]
-        self._device.run(self._kernels[kernel], count, np.uint32(count), *arguments, fill=outputs)
+        self._device.run(self._kernels[kernel], -(-count // packet), np.uint32(count), *arguments, fill=outputs)
 
 
 def _arguments(rays: Rays) -> list[Any]:

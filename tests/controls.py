@@ -27,6 +27,7 @@ class Control:
 
 # Möller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997: every triangle rounds on its own.
 _MOLLER_TRUMBORE = """
+    sheared_from(block, s, &e);
     float8 p[3], q[3], r[3], x[3], y[3];
     const float o[3] = {ray->o.x, ray->o.y, ray->o.z}, d[3] = {ray->d.x, ray->d.y, ray->d.z};
     for (int i = 0; i < 3; ++i) {
@@ -39,34 +40,47 @@ _MOLLER_TRUMBORE = """
         y[i] = r[j] * p[k] - r[k] * p[j];
     }
     float8 det = p[0] * x[0] + p[1] * x[1] + p[2] * x[2];
-    float8 v = (r[0] * x[0] + r[1] * x[1] + r[2] * x[2]) / det;
-    float8 w = (d[0] * y[0] + d[1] * y[1] + d[2] * y[2]) / det;
-    float8 u = 1.0f - v - w;
-    float8 low = min8(u, min8(v, w)), high = (float8)(1.0f);
+    e.v = (r[0] * x[0] + r[1] * x[1] + r[2] * x[2]) / det;
+    e.w = (d[0] * y[0] + d[1] * y[1] + d[2] * y[2]) / det;
+    e.u = 1.0f - e.v - e.w;
+    int8 inside = min8(e.u, min8(e.v, e.w)) >= 0.0f;
+    float8 inv_det"""
+_MOLLER_TRUMBORE_PACKET = """
+        Vec o = rays->o, d = rays->d;
+        float a[3], p[3], q[3];
+        for (int k = 0; k < 3; ++k) {
+            a[k] = block->vertex[0][k][i];
+            p[k] = block->vertex[1][k][i] - a[k];
+            q[k] = block->vertex[2][k][i] - a[k];
+        }
+        Vec to = sub3(o, vec_of(a[0], a[1], a[2])), e = vec_of(p[0], p[1], p[2]), f = vec_of(q[0], q[1], q[2]);
+        Vec x = cross3(d, f), y = cross3(to, e);
+        Real det = dot3(e, x), v = dot3(to, x) / det, w = dot3(d, y) / det, u = 1.0f - v - w;
 """
-_EDGES = """
-    float8 u = cross8(cx, cy, bx, by);
-    float8 v = cross8(ax, ay, cx, cy);
-    float8 w = cross8(bx, by, ax, ay);
-    float8 low = min8(u, min8(v, w)), high = max8(u, max8(v, w));
+_INSIDE = "    int8 inside = sheared_from(block, s, &e);\n    float8 inv_det"
+_PACKET_EDGES = """
+        Real u = cross_lanes(cx, cy, bx, by), v = cross_lanes(ax, ay, cx, cy), w = cross_lanes(bx, by, ax, ay);
 """
 _CROSS = "return FMA(px, qy, -product) + FMA(-py, qx, product);"
 
 CONTROLS = {
-    "Möller–Trumbore": Control("triangle.h", _EDGES, _MOLLER_TRUMBORE),
+    "Möller–Trumbore": Control("triangle.h", _INSIDE, _MOLLER_TRUMBORE),
+    "Möller–Trumbore in packets": Control("triangle.h", _PACKET_EDGES, _MOLLER_TRUMBORE_PACKET),
     "contracted edges": Control("triangle.h", _CROSS, "return FMA(px, qy, -product);"),
     "rounded edges": Control("triangle.h", _CROSS, "return px * qy - product;"),
     "edges that belong to nobody": Control(
         "triangle.h",
-        "uint mask = mask8((low >= 0.0f) ^ (high <= 0.0f)); /* both: all are zero */",
-        "uint mask = mask8((low > 0.0f) ^ (high < 0.0f));",
+        "(((LOW) >= 0.0f) ^ ((HIGH) <= 0.0f))",
+        "(((LOW) > 0.0f) ^ ((HIGH) < 0.0f))",
     ),
     "slopes bounded too soon": Control(
         "bvh.h",
-        "float smallest = max1(largest * 0x1p-40f, 0x1p-120f);",
-        "float smallest = max1(largest * 0x1p-20f, 0x1p-120f);",
+        "abs1(d.z)) * 0x1p-40f,",
+        "abs1(d.z)) * 0x1p-20f,",
     ),
-    "ties to the first that is found": Control("scene.h", "t < hit->t || (t == hit->t && id < hit->id)", "t < hit->t"),
+    "ties to the first that is found": Control(
+        "scene.h", "(((T) < (HIT)->t) | (((T) == (HIT)->t) & ((ID) < (HIT)->id)))", "((T) < (HIT)->t)"
+    ),
     "lamps without offset": Control("light.h", "(Real)(light->offset), madd3(patch.e2", "(Real)(0.0f), madd3(patch.e2"),
     "no box padding": Control("bvh.h", "#define BOX_ULPS 8.0f", "#define BOX_ULPS 0.0f"),
     "relative shadow epsilon": Control("direct.h", "s->q, o), (Real)(1.0f)", "s->q, o), (Real)(1.0f - 1e-3f)"),
@@ -75,7 +89,7 @@ CONTROLS = {
     "texels by truncation": Control("texture.h", "float f = x - floor1(x);", "float f = x - (float)(int)x;"),
     "no edge margin": Control("surface.h", "if (lanes_of(min1(u, min1(v, w)) < share) != 0u)", "if (false)"),
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
-    "shrunken intervals": Control("bvh.h", "lanes_min(in ? along - 2.0f * pad", "lanes_min(in ? along + 1e-2f"),
+    "shrunken intervals": Control("bvh.h", "lanes_min(in ? place - pad", "lanes_min(in ? place + 1e-2f"),
     "beams of opposite corners": Control("volume.h", " || (s.sz < 0.0f) != (first.sz < 0.0f)", ""),
     "beams that start on their axis": Control(
         "beam.h", "if (forwards > 0.01f * dot3(axis, axis))\n        volume_add", "volume_add"
@@ -83,7 +97,8 @@ CONTROLS = {
     "splits without number": Control("direct.h", " && *splits > 0", ""),
     "overflow": Control("packet.h", "{min8(FLT_MAX, a.x), min8(FLT_MAX, a.y), min8(FLT_MAX, a.z)}", "a"),
     "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),
-    # No protection, but the truth for one: every box is entered, and nothing is culled by distance.
+    "every ray alone": Control("bvh.h", "#define LANES_TOGETHER 3", "#define LANES_TOGETHER 9"),
+    # No protection, but, for rays alone, the truth for one: every box is entered, and nothing is culled by distance.
     "brute force": Control(
         "bvh.h",
         "*near = entry;\n    return mask8(entry <= leave);",

@@ -50,7 +50,7 @@ LOST = {
 
 @pytest.mark.parametrize("control", LOST)
 def test_rays_are_lost(control):
-    with kernels(control):
+    with kernels(control, "every ray alone"):
         sphere, needles = pyrt.RayTracer(*SPHERE), pyrt.RayTracer(*SHEETS["needles"])
     lost = [misses(sphere, *inside_rays(SPHERE, target, RAYS)) for target in TARGETS]
     lost.append(misses(needles, *sheet_rays("needles", RAYS)))
@@ -68,7 +68,7 @@ def test_rounded_edge_functions_hit_what_is_beside_the_ray():
 def test_boxes_without_padding_differ_from_brute_force():
     """N9."""
     origins, directions = inside_rays(SPHERE, "vertices", RAYS)
-    with edited("brute force") as truth, kernels("no box padding"):
+    with edited("brute force", "every ray alone") as truth, kernels("no box padding"):
         assert disagreements(truth, SPHERE, origins, directions) > 200
 
 

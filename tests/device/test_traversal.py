@@ -28,7 +28,7 @@ INFINITE = np.array([np.nan, np.inf, -np.inf])
 
 @pytest.fixture(scope="module")
 def brute_force() -> Iterator[Path]:
-    with edited("brute force") as folder:
+    with edited("brute force", "every ray alone") as folder:
         yield folder
 
 
