@@ -6,7 +6,17 @@
 #include "bvh.h"
 #include "camera.h"
 
-/* The primitive behind the centre of each pixel, or -1. */
+/* The primitive behind the centre of a pixel, or -1. */
+NO_INLINE int primitive_behind(const Scene *scene, uint pixel)
+{
+    float3 o, d;
+    camera_ray(&scene->params->camera, (float)(pixel & 0xffffu) + 0.5f, (float)(pixel >> 16) + 0.5f, &o, &d);
+    Ray ray = ray_make(o, d, INFINITY, -1);
+    Hit hit;
+    bvh_hit(scene, &ray, false, &hit);
+    return hit.id;
+}
+
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void aov_primitives(uint count, constant SceneParams *params, const global BvhNode *nodes,
                     const global TriangleBlock *triangle_blocks, const global SphereBlock *sphere_blocks,
@@ -16,12 +26,7 @@ void aov_primitives(uint count, constant SceneParams *params, const global BvhNo
     if (i >= count)
         return;
     const Scene scene = {params, nodes, triangle_blocks, sphere_blocks, 0, 0, 0, 0, 0, 0, 0, 0};
-    float3 o, d;
-    camera_ray(&params->camera, (float)(pixels[i] & 0xffffu) + 0.5f, (float)(pixels[i] >> 16) + 0.5f, &o, &d);
-    Ray ray = ray_make(o, d, INFINITY, -1);
-    Hit hit;
-    bvh_hit(&scene, &ray, false, &hit);
-    ids[i] = hit.id;
+    ids[i] = primitive_behind(&scene, pixels[i]);
 }
 
 /* A ray that counts for `weight` of its sample. */
@@ -61,7 +66,7 @@ INLINE float3 surface_albedo(const Scene *scene, const Surface *si)
 
 /* Albedo and normal of the first surface that is not specular, or of the one after `depth` specular ones. Where a ray splits,
  * the weights are Fresnel's and sum to 1; a negligible part goes to the other ray, so there is no noise. */
-INLINE Features features_along(const Scene *scene, float3 o, float3 d, int depth)
+NO_INLINE Features features_along(const Scene *scene, float3 o, float3 d, int depth)
 {
     Features sum = {(float3)(0.0f), (float3)(0.0f)};
     Probe probes[MAX_PROBES];

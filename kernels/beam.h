@@ -11,7 +11,7 @@
 #include "volume.h"
 
 /* The beam of `count` pixels: through the film rectangle around them. */
-INLINE Beam beam_of_pixels(const Scene *scene, const global uint *pixels, uint count)
+NO_INLINE Beam beam_of_pixels(const Scene *scene, const global uint *pixels, uint count)
 {
     uint x0 = 0xffffu, x1 = 0u, y0 = 0xffffu, y1 = 0u;
     for (uint i = 0; i < count; ++i) {
