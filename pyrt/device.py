@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.errors import DeviceError
-from pyrt.layout import kernel_dir
+from pyrt.layout import is_aligned, kernel_dir
 from pyrt.toolchain import ensure_cache, ensure_linker
 
 LOCAL_SIZE = 64
@@ -182,13 +182,21 @@ class Device:
             )
 
     def upload(self, name: str, array: NDArray[Any]) -> Any:
-        """A read-only buffer with the array's bytes, shared with the array where the device allows it."""
+        """A read-only buffer with a copy of the array's bytes."""
         data = np.ascontiguousarray(array)
         self.check_buffer(name, data.nbytes)
         if not data.nbytes:
             data = np.zeros(16, np.uint8)  # OpenCL has no empty buffers
         flags = self._cl.mem_flags
         return self._cl.Buffer(self._context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=data)
+
+    def adopt(self, name: str, array: NDArray[Any]) -> Any:
+        """As `upload`, of a contiguous array that nobody will write to any more: the buffer may be the array itself."""
+        if self.info.kind != "cpu" or not array.nbytes or not is_aligned(array):
+            return self.upload(name, array)
+        self.check_buffer(name, array.nbytes)
+        flags = self._cl.mem_flags
+        return self._cl.Buffer(self._context, flags.READ_ONLY | flags.USE_HOST_PTR, hostbuf=array)
 
     def share(self, array: NDArray[Any]) -> Any:
         """A buffer that is the contiguous array itself where host and device share memory, and holds its content."""

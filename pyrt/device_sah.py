@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.device import Device
-from pyrt.layout import dtypes
+from pyrt.layout import aligned_empty, dtypes
 from pyrt.sah import BinaryTree, Splitter, split
 
 WORTH_IT = 1 << 16  # primitives from which on the kernel's compilation pays
@@ -43,8 +43,15 @@ def device_split(
     Raises:
         DeviceError: the kernel does not compile, or the primitives do not fit the device.
     """
+    return _tree(*_split(device, low, high, max_depth, whole))
+
+
+def _split(
+    device: Device, low: NDArray[np.float32], high: NDArray[np.float32], max_depth: int, whole: int
+) -> tuple[_Pieces, int, NDArray[np.int32]]:
+    """The tree's nodes, how many they are, and the primitives in the order of the leaves."""
     n = len(low)
-    primitives = _aligned(n)
+    primitives = aligned_empty(8 * n, np.float32).reshape(n, 8)
     np.negative(low, out=primitives[:, :3])
     primitives[:, 3:6] = high
     ids = primitives.view(np.int32)[:, 6]
@@ -64,14 +71,7 @@ def device_split(
         ):
             tasks, total = _collect(tasks, found, size.astype(np.int64), whole, pieces, total)
     device.receive(boxes, primitives)
-    return _tree(pieces, total, ids)
-
-
-def _aligned(n: int) -> NDArray[np.float32]:
-    """An (n, 8) array each row of which the device may take for a float8."""
-    memory = np.empty(8 * n + 7, np.float32)
-    first = -(memory.ctypes.data // memory.itemsize) % 8
-    return memory[first : first + 8 * n].reshape(n, 8)
+    return pieces, total, ids.copy()
 
 
 def _collect(

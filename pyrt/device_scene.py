@@ -61,7 +61,8 @@ class DeviceScene:
         self._seconds["compile"] = perf_counter() - start
         start = perf_counter()
         arrays = self._packed.arrays  # each goes as soon as the device has it
-        self._buffers = {name: device.upload(name, arrays.pop(name)) for name in list(arrays)}
+        take = {"texels": device.upload}  # may be the scene's own; the others are of no use to anybody else
+        self._buffers = {name: take.get(name, device.adopt)(name, arrays.pop(name)) for name in list(arrays)}
         self._seconds["upload"] = perf_counter() - start
         self._scratch = Scratch(device)
 

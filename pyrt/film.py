@@ -19,6 +19,7 @@ _BLOCK = 16384  # pixels summed at a time, or samples of fewer pixels, so that t
 
 Sums = NDArray[np.float64]  # (2, 3, pixels): of x and of x²
 Nodes = dict[tuple[int, int], Sums]  # by (level, index)
+Picture = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]  # mean, variance, number of samples
 
 
 @dataclass
@@ -111,21 +112,40 @@ def variance(sums: Sums, count: NDArray[np.uint32]) -> NDArray[np.float64]:
     return np.where(count > 1, spread / (n * (n - 1)), 0.0)
 
 
-def picture(
-    sums: Sums, count: NDArray[np.uint32], order: NDArray[np.intp], shape: tuple[int, int]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]:
-    """Mean and variance, (*shape, 3), and number of samples of each pixel; `order`: where it stands in the film."""
-    average, spread = np.empty((2, 3, len(count)), np.float32)
-    for pixel in range(0, len(count), _BLOCK):
-        part = slice(pixel, pixel + _BLOCK)
-        average[:, part] = mean(sums[..., part], count[part])
-        # its square may be more than float32 holds
-        spread[:, part] = np.minimum(variance(sums[..., part], count[part]), np.finfo(np.float32).max)
-    image, scatter = np.empty((2, len(count), 3), np.float32)
-    for channel in range(3):
-        image[:, channel] = average[channel, order]
-        scatter[:, channel] = spread[channel, order]
-    return image.reshape(*shape, 3), scatter.reshape(*shape, 3), count[order].reshape(shape)
+@dataclass(frozen=True)
+class Canvas:
+    """A picture to be painted: of its pixels, row by row, mean and variance (pixels, 3), and number of samples."""
+
+    mean: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    samples: NDArray[np.uint32]
+
+    @classmethod
+    def blank(cls, pixels: int) -> Canvas:
+        mean, variance = np.zeros((2, pixels, 3), np.float32)
+        return cls(mean, variance, np.zeros(pixels, np.uint32))
+
+    def paint(self, places: NDArray[np.intp], sums: Sums, count: NDArray[np.uint32]) -> None:
+        """Puts the pixels of `sums` (2, 3, k) where `places` (k,) says."""
+        self.samples[places] = count
+        for pixel in range(0, len(places), _BLOCK):
+            part = slice(pixel, pixel + _BLOCK)
+            self.mean[places[part]] = mean(sums[..., part], count[part]).T
+            # its square may be more than float32 holds
+            spread = np.minimum(variance(sums[..., part], count[part]), np.finfo(np.float32).max)
+            self.variance[places[part]] = spread.T
+
+    def picture(self, shape: tuple[int, int]) -> Picture:
+        """Mean and variance, (*shape, 3), and number of samples of each pixel."""
+        return self.mean.reshape(*shape, 3), self.variance.reshape(*shape, 3), self.samples.reshape(shape)
+
+
+def picture(sums: Sums, count: NDArray[np.uint32], order: NDArray[np.intp], shape: tuple[int, int]) -> Picture:
+    """As `Canvas.picture`, of the pixels of a list; `order`: where in it each pixel stands."""
+    canvas, places = Canvas.blank(len(count)), np.empty_like(order)
+    places[order] = np.arange(len(order))
+    canvas.paint(places, sums, count)
+    return canvas.picture(shape)
 
 
 def node_keys(first: int, count: int) -> Iterator[tuple[int, int]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,7 +91,7 @@ def write_exr(
 ) -> tuple[str, ...]:
     """Arguments and warnings as for `image_io.write_image`. Raises OSError."""
     warnings = []
-    too_bright = int(np.sum(np.abs(pixels) > MAX_HALF)) if half else 0
+    too_bright = sum(int(np.sum(np.abs(part) > MAX_HALF)) for part in in_rows(pixels)) if half else 0
     if too_bright:
         pixels = np.clip(pixels, -MAX_HALF, MAX_HALF)
         warnings.append(f"{too_bright} values above {MAX_HALF:g} are clamped to that, the largest half float")
@@ -115,9 +115,13 @@ def _has_large_ids(plane: NDArray[Any]) -> bool:
 
 def _blocks(channels: list[NDArray[Any]]) -> Iterator[NDArray[np.float32]]:
     """Rows of all channels; the whole numbers of 32 bits as the fractions of 2^32 − 1 that OpenImageIO takes."""
-    for row in range(0, len(channels[0]), _ROWS):
-        rows = [channel[row : row + _ROWS] for channel in channels]
+    for rows in zip(*(in_rows(channel) for channel in channels), strict=True):
         yield np.dstack([(c / 0xFFFFFFFF if c.dtype.kind == "u" else c).astype(np.float32) for c in rows])
+
+
+def in_rows(image: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """The image in parts of some rows."""
+    return (image[row : row + _ROWS] for row in range(0, len(image), _ROWS))
 
 
 def image_spec(
@@ -139,7 +143,7 @@ def image_spec(
     return spec
 
 
-def write_file(path: Path, spec: Any, blocks: Iterator[NDArray[Any]], state: StatePart | None = None) -> None:
+def write_file(path: Path, spec: Any, blocks: Iterable[NDArray[Any]], state: StatePart | None = None) -> None:
     """Writes (rows, width, channels) blocks, all rows in order. Raises OSError."""
     import OpenImageIO as oiio
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.exr_state import StatePart
 from pyrt.files import check_file, check_target, replacing
-from pyrt.image_file import Attribute, date, first_line, image_spec, is_utf8, write_exr, write_file
+from pyrt.image_file import Attribute, date, first_line, image_spec, in_rows, is_utf8, write_exr, write_file
 from pyrt.image_tools import check_view, viewed
 from pyrt.settings import Window
 
@@ -227,21 +227,17 @@ def write_image(
             if extension == ".npy":
                 np.save(temporary, pixels)
             elif extension in _DISPLAY:
-                with np.errstate(over="ignore"):  # white then
-                    pixels = pixels * np.float32(2.0**exposure)
-                _write_display(temporary, pixels, view)
+                _write_display(temporary, pixels, 2.0**exposure, view)
             elif extension == ".exr":
                 warnings = write_exr(temporary, pixels, planes or {}, metadata or {}, half, window, state)
             else:
-                write_file(temporary, image_spec(pixels.shape, "float", date()), iter([pixels]))
+                write_file(temporary, image_spec(pixels.shape, "float", date()), [pixels])
     except OSError as error:
         raise PyrtError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
     return tuple(f"{path}: {warning}" for warning in warnings)
 
 
-def _write_display(path: Path, pixels: Image, view: str | None) -> None:
-    finite = np.nan_to_num(pixels)
-    encoded = linear_to_srgb(np.clip(finite, 0, 1)).astype(np.float32) if view is None else viewed(finite, view)
+def _write_display(path: Path, pixels: Image, gain: float, view: str | None) -> None:
     attributes: dict[str, Attribute] = {
         "oiio:ColorSpace": "sRGB",
         "oiio:dither": 1,
@@ -249,4 +245,14 @@ def _write_display(path: Path, pixels: Image, view: str | None) -> None:
         "Compression": "png" if path.suffix.lower() == ".png" else "jpeg:95",
         "jpeg:subsampling": "4:4:4",
     }
-    write_file(path, image_spec(encoded.shape, "uint8", attributes), iter([encoded]))
+    parts: Iterable[Image]
+    if view is None:
+        parts = (linear_to_srgb(np.clip(_finite(part, gain), 0, 1)).astype(np.float32) for part in in_rows(pixels))
+    else:
+        parts = [viewed(_finite(pixels, gain), view)]
+    write_file(path, image_spec(pixels.shape, "uint8", attributes), parts)
+
+
+def _finite(pixels: Image, gain: float) -> Image:
+    with np.errstate(over="ignore"):  # white then
+        return np.asarray(np.nan_to_num(pixels * np.float32(gain)))

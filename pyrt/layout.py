@@ -1,4 +1,4 @@
-"""Where the kernels are, and the numpy dtypes and constants that `kernels/types.h` defines.
+"""Where the kernels are, the numpy dtypes and constants that `kernels/types.h` defines, and arrays of these.
 
 The header is the only definition; the OpenCL compiler reads the same file.
 """
@@ -8,9 +8,12 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+_CACHE_LINE = 64  # bytes
 _SCALARS = {"float": np.float32, "int": np.int32, "uint": np.uint32}
 
 
@@ -47,3 +50,16 @@ def dtypes() -> dict[str, np.dtype]:
 
 def _shape(dims: str) -> tuple[int, ...]:
     return tuple(int(size) if size.isdigit() else constants()[size] for size in re.findall(r"\[(\w+)\]", dims))
+
+
+def aligned_empty(count: int, dtype: Any) -> NDArray[Any]:
+    """(count,) from a cache line on, as devices want memory that they share with the host."""
+    size = count * np.dtype(dtype).itemsize
+    memory = np.empty(size + _CACHE_LINE, np.uint8)
+    first = -memory.ctypes.data % _CACHE_LINE
+    return memory[first : first + size].view(dtype)
+
+
+def is_aligned(array: NDArray[Any]) -> bool:
+    """Whether it begins on a cache line."""
+    return array.ctypes.data % _CACHE_LINE == 0

@@ -49,6 +49,8 @@ def instances(mesh: MeshData, matrices: NDArray[np.float64]) -> list[MeshData]:
 def joined(parts: list[MeshData]) -> MeshData:
     if not parts:
         return MeshData(np.empty((0, 3)), np.empty((0, 3), np.int32))
+    if len(parts) == 1:
+        return parts[0]._replace(warnings=())
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return MeshData(
         np.concatenate([part.vertices for part in parts]),

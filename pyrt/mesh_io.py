@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pyrt.errors import SceneError
 from pyrt.files import read_bytes
+from pyrt.geometry import parts
 from pyrt.image_io import srgb_to_linear
 from pyrt.mesh_data import DEFAULT_UVS, MeshData, filled_normals, joined, unit_vectors
 from pyrt.mesh_obj import read_obj
@@ -137,6 +138,16 @@ def _mesh(geometry: Any) -> MeshData:
         mesh = mesh._replace(uvs=np.asarray(uvs, np.float32)[triangles])
     # trimesh computes normals that are asked for; only those from the file are in its cache by now
     if "vertex_normals" in geometry._cache:
-        normals = unit_vectors(np.asarray(geometry.vertex_normals, np.float64))[triangles]
-        mesh = mesh._replace(normals=filled_normals(normals, mesh))
+        mesh = mesh._replace(
+            normals=_corner_normals(unit_vectors(np.asarray(geometry.vertex_normals, np.float64)), mesh)
+        )
     return mesh
+
+
+def _corner_normals(normals: NDArray[np.float64], mesh: MeshData) -> NDArray[np.float32]:
+    """(m, 3, 3) from those of the vertices; in parts, since their float64 takes more memory than all of the mesh."""
+    out = np.empty((len(mesh.triangles), 3, 3), np.float32)
+    for part in parts(len(out)):
+        triangles = mesh.triangles[part]
+        out[part] = filled_normals(normals[triangles], MeshData(mesh.vertices, triangles))
+    return out

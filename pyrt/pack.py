@@ -24,7 +24,7 @@ from pyrt.geometry import (
     sphere_offset,
     triangle_normals,
 )
-from pyrt.layout import constants, dtypes
+from pyrt.layout import aligned_empty, constants, dtypes
 from pyrt.pack_lights import pack_lights
 from pyrt.sah import Splitter, split
 from pyrt.scene import (
@@ -154,7 +154,7 @@ def _pack_triangles(
     light_of_shape: NDArray[np.int32],
 ) -> NDArray[Any]:
     material_of_shape = np.array([_material(s) for s in scene.shapes], np.int32)
-    out = np.empty(len(triangles.shape), dtypes()["Triangle"])
+    out = aligned_empty(len(triangles.shape), dtypes()["Triangle"])
     for part in parts(len(out)):
         rows, world = out[part], triangles.corners[part]
         corners = space.apply(world)
@@ -186,7 +186,7 @@ def _pack_corners(scene: Scene, triangles: Triangles) -> NDArray[Any]:
     mine = having[triangles.shape]
     source = triangles.source[mine]
     starts = np.searchsorted(triangles.shape[mine], np.arange(len(having) + 1))
-    out = np.empty(len(source), dtypes()["Corners"])
+    out = aligned_empty(len(source), dtypes()["Corners"])
     for rectangles, run in groupby(np.flatnonzero(having), lambda i: isinstance(scene.shapes[i], Rectangle)):
         together = list(run)
         for i in [together] if rectangles else ([i] for i in together):  # those of rectangles are all alike

@@ -14,7 +14,8 @@ from pyrt.device import LOCAL_SIZE, Device
 from pyrt.film import Film
 from pyrt.layout import constants, dtypes
 
-PASS_SAMPLES = 1 << 22  # samples of one pass, by default: 48 MiB of radiance
+PASS_SAMPLES = 1 << 20  # samples of one pass, by default: 12 MiB of radiance
+_PIXEL_SAMPLES = 1024  # of a pixel in one pass: with more, there would be few pixels, and sums over short rows
 _TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 
@@ -128,7 +129,7 @@ class SampleTracer:
 
     def whole(self, samples: int) -> bool:
         """Whether each pass has so many samples of its pixels, instead of a part of them."""
-        return samples <= _most_samples(self.pass_samples)
+        return pass_shape(samples, self.pass_samples)[1] == samples
 
     def passes(
         self,
@@ -222,11 +223,9 @@ def _pass_params(first_pixel: int, pixels: int, first_sample: int, samples: int)
 
 
 def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[NDArray[Any]]:
-    """PassParams of each pass: all samples of some beams, or, if there are too many, a range of them of one beam at a
-    time. Whatever the passes, so, the same pixels share a beam."""
-    beam = constants()["BEAM_PIXELS"]
-    sample_step = min(samples, _most_samples(pass_samples))
-    pixel_step = max(1, pass_samples // (sample_step * beam)) * beam
+    """PassParams of each pass: all samples of some beams, or, if there are too many, a range of them. Whatever the
+    passes, so, the same pixels share a beam."""
+    pixel_step, sample_step = pass_shape(samples, pass_samples)
     passes = []
     for first_pixel in range(0, pixels, pixel_step):
         for first_sample in range(first, first + samples, sample_step):
@@ -236,8 +235,11 @@ def _passes(pixels: int, first: int, samples: int, pass_samples: int) -> list[ND
     return passes
 
 
-def _most_samples(pass_samples: int) -> int:
-    return max(1, pass_samples // constants()["BEAM_PIXELS"])
+def pass_shape(samples: int, pass_samples: int) -> tuple[int, int]:
+    """At most how many pixels, and samples of each, a pass has that is to trace so many samples of each pixel."""
+    beam = constants()["BEAM_PIXELS"]
+    sample_step = min(samples, _PIXEL_SAMPLES, max(1, pass_samples // beam))
+    return max(1, pass_samples // (sample_step * beam)) * beam, sample_step
 
 
 def _items(params: NDArray[Any]) -> int:

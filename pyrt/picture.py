@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt import __version__, film
-from pyrt.adaptive import FIRST_SAMPLES, RADIANCE_FLOOR, STEADY_LEVEL, Refined, add, refine, summary
+from pyrt.adaptive import FIRST_SAMPLES, RADIANCE_FLOOR, STEADY_LEVEL, add, refine, summary
 from pyrt.aov import AOVS, GUIDES
 from pyrt.checkpoint import Saver, accumulate, begin, begin_adaptive, open_checkpoint
 from pyrt.denoise import denoised
@@ -19,10 +19,13 @@ from pyrt.device_scene import DeviceScene
 from pyrt.guide import pixel_counts
 from pyrt.memory import Need, picture_bytes
 from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, kernels_hash
-from pyrt.passes import SampleTracer, Tally, tile_order, tiled_pixels
+from pyrt.passes import SampleTracer, Tally, pass_shape, tile_order, tiled_pixels
 from pyrt.request import Request
 from pyrt.result import Beside, Result, sample_metadata
+from pyrt.settings import Window
 from pyrt.watch import Progress, Watch
+
+_PART = 1 << 18  # pixels traced at a time, if nothing is kept to continue
 
 
 @dataclass(frozen=True)
@@ -99,8 +102,24 @@ def _start(scene: DeviceScene, request: Request) -> Partial | PartialAdaptive | 
 
 
 def _at_once(picture: _Picture) -> Result:
-    refined = _whole_pixels(*picture.tracer.trace(picture.pixels, 0, picture.request.spp))
-    return picture.beside.added_to(_result(picture, refined))
+    """Part by part, since sums take twice the memory of the picture that they become."""
+    request, watch, tracer = picture.request, picture.watch, picture.tracer
+    canvas, dropped = film.Canvas.blank(len(picture.pixels)), 0
+    step = min(pass_shape(request.spp, request.pass_samples)[0], _PART)
+    for first in range(0, len(picture.pixels), step):
+        part = picture.pixels[first : first + step]
+        found, complete = tracer.trace(part, 0, request.spp)
+        canvas.paint(_places(part[:complete], request.window), found.totals()[..., :complete], found.count[:complete])
+        dropped += found.dropped
+        if not watch.going():
+            break
+    return _result(picture, canvas.picture(request.window.shape), None, dropped)
+
+
+def _places(pixels: NDArray[np.uint32], window: Window) -> NDArray[np.intp]:
+    """Where the pixels x + 65536 · y stand in the window's picture, row by row."""
+    y, x = pixels >> np.uint32(16), pixels & np.uint32(0xFFFF)
+    return ((y - np.uint32(window.y0)) * np.uint32(window.shape[1]) + (x - np.uint32(window.x0))).astype(np.intp)
 
 
 def _in_rounds(picture: _Picture, start: Partial) -> Result:
@@ -127,9 +146,11 @@ def _adaptively(picture: _Picture, start: PartialAdaptive | None) -> Result:
     guide = picture.scene.guide(tracer.parameters, request.window.shape)
 
     def result() -> Result:
-        made = _result(picture, summary(state))
+        refined, shape = summary(state), request.window.shape
+        painted = film.picture(refined.sums, refined.count, tile_order(*shape[::-1]), shape)
+        made = _result(picture, painted, refined.noise, refined.dropped)
         made.stats["pixels"] = pixel_counts(state.classes, state.count)
-        return picture.beside.added_to(replace(made, partial=start))
+        return replace(made, partial=start)
 
     def save() -> None:
         if request.checkpoint is not None and state.count.any() and not state.torn:
@@ -158,11 +179,10 @@ def _adaptively(picture: _Picture, start: PartialAdaptive | None) -> Result:
     return result()
 
 
-def _result(picture: _Picture, refined: Refined) -> Result:
-    shape = picture.request.window.shape
-    stats = {**picture.scene.stats(picture.watch.tally), "noise": refined.noise}
-    stats["dropped"]["samples"] = refined.dropped
-    return Result(*film.picture(refined.sums, refined.count, tile_order(*shape[::-1]), shape), stats)
+def _result(picture: _Picture, painted: film.Picture, noise: float | None, dropped: int) -> Result:
+    stats = {**picture.scene.stats(picture.watch.tally), "noise": noise}
+    stats["dropped"]["samples"] = dropped
+    return picture.beside.added_to(Result(*painted, stats))
 
 
 def partial_result(partial: Partial, stats: dict[str, Any] | None = None) -> Result:
@@ -174,12 +194,3 @@ def partial_result(partial: Partial, stats: dict[str, Any] | None = None) -> Res
     metadata = sample_metadata(work.scene, work.seed, partial.first, spp, work.device)
     picture = film.picture(whole.totals(), whole.count, partial.order, window.shape)
     return Result(*picture, stats, partial, window=window, metadata=metadata)
-
-
-def _whole_pixels(whole: film.Film, complete: int) -> Refined:
-    """The film's sums, without the pixels that a stop left incomplete."""
-    if complete == len(whole.count):
-        return Refined(whole.totals(), whole.count, None, whole.dropped)
-    sums, count = np.zeros((2, 3, len(whole.count))), np.zeros_like(whole.count)
-    sums[:, :, :complete], count[:complete] = whole.totals()[:, :, :complete], whole.count[:complete]
-    return Refined(sums, count, None, whole.dropped)

@@ -74,7 +74,7 @@ class RayTracer:
         self._double = self._device.has_double
         shape = [f"-DHAS_DOUBLE={int(self._double)}", f"-DPACKET={self._device.packet}"]
         self._kernels = self._device.build("trace.cl", ["-DHAS_SPHERES=0", *shape])
-        self._scene = [self._device.upload(name, array) for name, array in self._pack(normal).items()]
+        self._scene = [self._device.adopt(name, array) for name, array in self._pack(normal).items()]
 
     def _pack(self, corners: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         """The kernels' arrays for normalised (m, 3, 3) corners; blocks hold the caller's numbers of triangles."""

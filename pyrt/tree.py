@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrt.bvh import Bvh, build
-from pyrt.geometry import extremes
-from pyrt.layout import constants, dtypes
+from pyrt.geometry import extremes, parts
+from pyrt.layout import aligned_empty, constants, dtypes
 from pyrt.sah import Splitter, split
 
 _ULP = 2.0**-24
@@ -33,18 +33,18 @@ def build_tree(corners: NDArray[np.float32], spheres: NDArray[Any], splitter: Sp
     Triangles are primitives 0 … m − 1, spheres follow.
     """
     kinds = constants()
-    parts: list[_Part] = []
+    trees: list[_Part] = []
     triangle_blocks = np.empty(0, dtypes()["TriangleBlock"])
     sphere_blocks = np.empty(0, dtypes()["SphereBlock"])
     if len(corners):
         part = _part(*_triangle_bounds(corners), kinds["BLOCK_TRIANGLES"], splitter)
         triangle_blocks = _triangle_blocks(corners, part.tree.blocks)
-        parts.append(part)
+        trees.append(part)
     if len(spheres):
         part = _part(*_sphere_bounds(spheres), kinds["BLOCK_SPHERES"], splitter)
         sphere_blocks = _sphere_blocks(spheres, part.tree.blocks, len(corners))
-        parts.append(part)
-    nodes, root, depth = _join(parts)
+        trees.append(part)
+    nodes, root, depth = _join(trees)
     return Tree(nodes, triangle_blocks, sphere_blocks, root, depth)
 
 
@@ -59,27 +59,28 @@ def _part(low: NDArray[np.float32], high: NDArray[np.float32], kind: int, splitt
     return _Part(build(low, high, splitter), kind, np.stack([extremes(low)[0], extremes(high)[1]], axis=1))
 
 
-def _join(parts: list[_Part]) -> tuple[NDArray[Any], int, int]:
+def _join(trees: list[_Part]) -> tuple[NDArray[Any], int, int]:
     """Nodes, root reference and depth of the parts together."""
-    nodes: list[NDArray[Any]] = []
+    count = sum(len(part.tree.child) for part in trees)
+    nodes = aligned_empty(count + (len(trees) != 1), dtypes()["BvhNode"])
+    nodes["unused"] = 0
     roots: list[int] = []
     first = 0
-    for part in parts:
-        mine = np.zeros(len(part.tree.child), dtypes()["BvhNode"])
+    for part in trees:
+        mine = nodes[first : first + len(part.tree.child)]
         mine["bounds"] = part.tree.bounds
         mine["child"] = _reference(part.tree.child, part.kind, first)
-        nodes.append(mine)
         roots.append(int(_reference(np.array(part.tree.root), part.kind, first)))
         first += len(mine)
-    depth = max((part.tree.depth for part in parts), default=0)
-    if len(parts) == 1:
-        return nodes[0], roots[0], depth
-    top = np.zeros(1, dtypes()["BvhNode"])  # of an empty scene: a root without children
-    top["bounds"][:, :, 0], top["bounds"][:, :, 1] = np.inf, -np.inf
-    for slot, (part, root) in enumerate(zip(parts, roots, strict=True)):
-        top["bounds"][0, :, :, slot] = part.extent
-        top["child"][0, slot] = root
-    return np.concatenate([*nodes, top]), first, depth + 1
+    depth = max((part.tree.depth for part in trees), default=0)
+    if len(trees) == 1:
+        return nodes, roots[0], depth
+    top = nodes[count]  # of an empty scene: a root without children
+    top["bounds"][:, 0], top["bounds"][:, 1], top["child"] = np.inf, -np.inf, 0
+    for slot, (part, root) in enumerate(zip(trees, roots, strict=True)):
+        top["bounds"][:, :, slot] = part.extent
+        top["child"][slot] = root
+    return nodes, count, depth + 1
 
 
 def _reference(child: NDArray[np.int32], kind: int, first: int) -> NDArray[np.int32]:
@@ -93,11 +94,12 @@ def _triangle_bounds(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32],
 
 
 def _triangle_blocks(corners: NDArray[np.float32], blocks: NDArray[np.int32]) -> NDArray[Any]:
-    out = np.empty(len(blocks), dtypes()["TriangleBlock"])
-    lanes = corners[blocks]  # (blocks, 8, corner, axis)
-    lanes[blocks < 0] = np.nan
-    out["vertex"] = lanes.transpose(0, 2, 3, 1)
+    out = aligned_empty(len(blocks), dtypes()["TriangleBlock"])
     out["id"] = blocks
+    for part in parts(len(blocks)):
+        lanes = corners[blocks[part]]  # (blocks, 8, corner, axis)
+        lanes[blocks[part] < 0] = np.nan
+        out["vertex"][part] = lanes.transpose(0, 2, 3, 1)
     return out
 
 
