@@ -142,7 +142,8 @@ def _add_running_options(parser: argparse.ArgumentParser) -> None:
 def _render(args: argparse.Namespace) -> int:
     _check_outputs(args.output or [], args)
     if args.dry_run:
-        print(plan(args, *_loaded(args)))
+        scene, outputs = _loaded(args)
+        print(plan(args, scene, outputs, _checkpoint(args, outputs)))
         return 0
     if args.threads is not None:
         from pyrt.toolchain import limit_threads

@@ -16,21 +16,22 @@ if TYPE_CHECKING:
     from pyrt.scene import Scene
 
 
-def plan(args: argparse.Namespace, scene: Scene, outputs: list[str]) -> str:
+def plan(args: argparse.Namespace, scene: Scene, outputs: list[str], checkpoint: str | None) -> str:
     """The text of --dry-run. Raises UsageError for what the render itself would refuse."""
     from pyrt.info import scene_report
+    from pyrt.picture import required_bytes
     from pyrt.request import request_for
     from pyrt.scene import Film
 
     asked = {"noise": args.noise, "time_limit": args.time, "samples": args.samples, "crop": args.crop, "aovs": args.aov}
-    request = request_for(scene, args.spp, args.seed, args.size, denoise=args.denoise, **asked)
+    request = request_for(scene, args.spp, args.seed, args.size, denoise=args.denoise, checkpoint=checkpoint, **asked)
     limits = [] if args.noise is None else [f"an error of {args.noise:g}"]
     limits += [] if args.time is None else [f"{args.time:g} s"]
     window, spp = request.window, request.spp
     width, height = window.width, window.height
     replaced = [path for path in outputs if os.path.exists(path)]
     lines = [
-        scene_report(replace(scene, film=Film(width, height), spp=spp)),
+        scene_report(replace(scene, film=Film(width, height), spp=spp), required_bytes(scene, request)),
         f"stop at    {', or '.join([*limits, f'{spp} samples per pixel'])}",
         f"pixels     {window.x1 - window.x0}x{window.y1 - window.y0}, seed {args.seed}",
         f"write      {', '.join(outputs)}" + f", replacing {', '.join(replaced)}" * bool(replaced),

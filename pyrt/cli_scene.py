@@ -10,6 +10,7 @@ from pyrt.cli_options import Verbs, add_scene, add_verb, load
 _INFO_EXAMPLES = """\
   pyrt info scenes/cornell.json                 triangles, memory, features and why
   pyrt info example:showcase --set film.resolution=[1920,1080]
+  pyrt render scene.json --noise 0.01 --aov z --dry-run   the memory of exactly that, and more
 """
 _VALIDATE_EXAMPLES = """\
   pyrt validate scene.json                      every mistake at once, one sentence each

@@ -8,10 +8,13 @@ from pyrt.pack import pack_scene
 from pyrt.scene import Scene
 
 
-def scene_report(scene: Scene) -> str:
-    """A few lines of text; builds the tree, renders nothing."""
+def scene_report(scene: Scene, picture: int | None = None) -> str:
+    """A few lines of text; builds the tree, renders nothing.
+
+    `picture`: bytes that the picture takes, if it is not a plain one of the scene's size and samples.
+    """
     width, height = scene.film.width, scene.film.height
-    need = estimate(scene, picture_bytes(scene, width * height, scene.spp))
+    need = estimate(scene, picture_bytes(scene, width * height, scene.spp) if picture is None else picture)
     need.require(scene.name)
     report = pack_scene(scene).report
     scene_mib, picture_mib = (need.scene + need.build) / 2**20, need.picture / 2**20

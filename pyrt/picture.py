@@ -22,6 +22,7 @@ from pyrt.partial import Adaptive, Partial, PartialAdaptive, Work, kernels_hash
 from pyrt.passes import SampleTracer, Tally, pass_shape, tile_order, tiled_pixels
 from pyrt.request import Request
 from pyrt.result import Beside, Result, sample_metadata
+from pyrt.scene import Scene
 from pyrt.settings import Window
 from pyrt.watch import Progress, Watch
 
@@ -49,7 +50,7 @@ def render_picture(scene: DeviceScene, request: Request, report: Progress) -> Re
         PyrtError: it would not fit into memory.
     """
     window = request.window
-    _require_room(scene, request)
+    Need(0, 0, required_bytes(scene.scene, request)).require(scene.scene.name)
     pixels = tiled_pixels(*window.shape[::-1]) + np.uint32(window.x0 | window.y0 << 16)
     start = _start(scene, request)
     watch = Watch(
@@ -76,11 +77,11 @@ def render_picture(scene: DeviceScene, request: Request, report: Progress) -> Re
     return replace(result, denoised=denoised(result.image, *(extra[name] for name in GUIDES)))
 
 
-def _require_room(scene: DeviceScene, request: Request) -> None:
+def required_bytes(scene: Scene, request: Request) -> int:
+    """Memory that the picture takes, beside the scene's; see `memory.Need`."""
     channels = sum(len(AOVS[name].channels) for name in request.aovs)
     adaptive, pixels = request.adaptive, prod(request.window.shape)
-    need = picture_bytes(scene.scene, pixels, request.spp, channels=channels, keep=request.keeps, adaptive=adaptive)
-    Need(0, 0, need).require(scene.scene.name)
+    return picture_bytes(scene, pixels, request.spp, channels=channels, keep=request.keeps, adaptive=adaptive)
 
 
 def _start(scene: DeviceScene, request: Request) -> Partial | PartialAdaptive | None:

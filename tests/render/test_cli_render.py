@@ -68,6 +68,17 @@ def test_a_dry_run_refuses_what_the_render_would(words, status, capsys):
     assert render(capsys, "--dry-run", *words)[0] == status
 
 
+def test_a_dry_run_tells_the_memory_of_what_is_asked_for(tmp_path, capsys):
+    def memory(*words: str) -> int:
+        out = render(capsys, "--dry-run", "--size", "1024x1024", "-o", str(tmp_path / "a.exr"), *words)[1]
+        return int(re.search(r"memory +about (\d+) MiB", out)[1])
+
+    plain = memory()
+    for words in (["--noise", "0.01"], ["--time", "9s"], ["--aov", "z,normal"], ["--checkpoint", "9s"], ["--resume"]):
+        assert memory(*words) > plain
+    assert memory("--crop", "0,0,64,64") < plain
+
+
 def test_a_dry_run_needs_no_device(tmp_path):
     done = shell(f"pyrt render {SCENE} --dry-run", tmp_path, OCL_ICD_VENDORS="/nonexistent")
     assert done.returncode == 0, done.stderr
