@@ -120,14 +120,14 @@ def _errors(state: Adaptive) -> NDArray[np.float64]:
 def _dimmers(state: Adaptive, noisy: NDArray[np.intp], errors: NDArray[np.float64]) -> NDArray[np.float64]:
     """The factors to errors relative to the true radiance, of noisy pixels.
 
-    A pixel that is too bright by chance hides its error behind its brightness. So it is held against the radiance that
-    is next to that of the other 15 pixels of its tile, among those that its own error allows.
+    A pixel that is too bright by chance hides its error behind its brightness. So it is held against the median of its
+    tile of 16 pixels, or what its own error allows next to that.
     """
     tiles = np.minimum(noisy[:, None] // 16 * 16 + np.arange(16), len(state.count) - 1)
     radiance = state.sums[0].mean(axis=0)[tiles] / np.maximum(state.count, 1)[tiles]
     own = state.sums[0].mean(axis=0)[noisy] / np.maximum(state.count, 1)[noisy]
     slack = _DEVIATIONS * np.sqrt(errors * (own * own + RADIANCE_FLOOR))
-    likely = np.clip((radiance.sum(axis=1) - own) / 15, own - slack, own + slack)
+    likely = np.clip(np.median(radiance, axis=1), own - slack, own + slack)
     return np.asarray((own * own + RADIANCE_FLOOR) / (likely * likely + RADIANCE_FLOOR))
 
 

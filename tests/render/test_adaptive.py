@@ -132,14 +132,14 @@ def test_pixels_that_judge_themselves_state_too_little(monkeypatch):
 
 
 def sparkling(pixels: int) -> tuple[Adaptive, float]:
-    """Four independent samples of pixels that all show 0.4, mostly 0.2 and sometimes 4.2; their true squared error."""
-    samples = np.full((3, 1), 0.2) + 4 * (np.random.default_rng(0).random((4, 1, pixels)) < 0.05)
+    """Four independent samples of pixels that all show 0.28, mostly 0.2 and sometimes 4.2; their true squared error."""
+    samples = np.full((3, 1), 0.2) + 4 * (np.random.default_rng(0).random((4, 1, pixels)) < 0.02)
     state, mean = Adaptive.empty(pixels), samples.mean(axis=0)
     apart = (samples[:2].mean(axis=0) - samples[2:].mean(axis=0)) ** 2 / 4
     error = (apart / (mean**2 + 0.01)).mean(axis=0)
     sums, count = np.array([samples.sum(axis=0), (samples**2).sum(axis=0)]), state.count + np.uint32(4)
     made = replace(state, sums=sums, count=count, error=error, decay=np.full_like(state.decay, 0.5))
-    return made, float(((mean - 0.4) ** 2 / (0.4**2 + 0.01)).mean())
+    return made, float(((mean - 0.28) ** 2 / (0.28**2 + 0.01)).mean())
 
 
 def test_pixels_that_are_bright_by_chance_state_their_errors(monkeypatch):
