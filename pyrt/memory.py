@@ -6,20 +6,21 @@ from dataclasses import dataclass
 
 from pyrt.errors import PyrtError
 from pyrt.layout import constants, dtypes
-from pyrt.passes import MAX_BEAM_BYTES, PASS_SAMPLES
+from pyrt.passes import MAX_BEAM_BYTES, PASS_SAMPLES, pass_shape
 from pyrt.room import available
 from pyrt.scene import ImageTexture, Mesh, Rectangle, Scene, Sphere
 
 # Bytes, measured with PoCL on Linux: most that are in use at once.
-_PROGRAM = 140 << 20  # Python, numpy, OpenCL with its compiler, OpenImageIO
-_TRIANGLE = 480  # while the tree is built
-_SPHERE = 450
-_OBJECT = 1200  # of the scene file
+_PROGRAM = 125 << 20  # Python, numpy, OpenCL with its compiler, OpenImageIO
+_TRIANGLE = 230  # while the tree is built
+_SPHERE = 200
+_OBJECT = 300  # of the scene file
 _TEXEL = 12
+_KEPT = 30  # of a pixel: its places in lists, if what it takes to continue is kept
 _SUM = 48  # of a pixel: its channels and their squares, in float64
-_PIXEL = 30  # its places in lists
-_WRITTEN = 110  # of a pixel: mean, variance, number of samples, and writing them
-_ADAPTIVE = 350  # of a pixel, if pixels have their own numbers of samples
+_PART = 12 << 20  # sums of the pixels that are traced at a time, if nothing is kept to continue
+_WRITTEN = 32  # of a pixel: mean, variance, number of samples, and its place in a list
+_ADAPTIVE = 100  # of a pixel, if pixels have their own numbers of samples
 _CHANNEL = 6  # of a pixel: one channel beside the picture
 _UNASKED = 64 << 20  # to ask how much there is takes a millisecond
 _GIB = 1 << 30
@@ -86,12 +87,14 @@ def picture_bytes(
     """
     lights = len(scene.lights) + sum(shape.radiance is not None for shape in scene.shapes)
     beam = constants()["BEAM_PIXELS"]
-    in_pass = min(pixels, max(PASS_SAMPLES // (spp * beam), 1) * beam)
-    planes = 13 * in_pass * min(spp, PASS_SAMPLES // beam)
+    pixel_step, sample_step = pass_shape(spp, PASS_SAMPLES)
+    in_pass = min(pixels, pixel_step)
+    planes = 12 * in_pass * sample_step
     shafts = lights if lights <= constants()["SHAFT_LIGHTS"] else 0
     beam_bytes = dtypes()["Candidates"].itemsize * (1 + shafts)
     ahead = beam_bytes * (pixels // beam)
     beams = ahead if (keep or adaptive) and ahead <= MAX_BEAM_BYTES else beam_bytes * (in_pass // beam)
     nodes = spp.bit_count()  # and their sum
-    sums = _ADAPTIVE if adaptive else _PIXEL + _SUM * (nodes + (nodes > 1)) * (1 + keep)
-    return planes + beams + pixels * (max(sums, _WRITTEN) + _CHANNEL * channels)
+    kept = pixels * (_ADAPTIVE if adaptive else _KEPT + 2 * _SUM * (nodes + (nodes > 1)))
+    sums = kept if adaptive or keep else min(_SUM * pixels, _PART)
+    return planes + beams + sums + pixels * (_WRITTEN + _CHANNEL * channels)

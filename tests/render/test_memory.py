@@ -128,7 +128,7 @@ print(json.dumps([peak, need.total]))
             ]
         },
     ],
-    ids=("tiny", "4 M pixels", "5 sums a pixel", "1e5 spp", "327,680 triangles", "1.3 M smooth", "1e5 spheres"),
+    ids=("tiny", "4 M pixels", "1 M pixels, 31 spp", "1e5 spp", "327,680 triangles", "1.3 M smooth", "1e5 spheres"),
 )
 def test_estimates_are_within_a_fifth_of_the_peak(tmp_path, changes):
     """The second time, as compiling the kernels takes memory too."""
