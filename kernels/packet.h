@@ -45,13 +45,15 @@ INLINE int8 mask_of(uint lanes) { return ((int8)((int)lanes) & (int8)(1, 2, 4, 8
 
 INLINE uint8 bits_of(int8 number) { return as_uint8(number); }
 
+#if __has_builtin(__builtin_convertvector)
+#define CONVERT(VECTOR, TYPE) __builtin_convertvector(VECTOR, TYPE)
+#else
+#define CONVERT(VECTOR, TYPE) convert_##TYPE(VECTOR)
+#endif
+
 INLINE float8 real_of(uint8 whole) /* below 2^31 */
 {
-#if __has_builtin(__builtin_convertvector)
-    return __builtin_convertvector(as_int8(whole), float8);
-#else
-    return convert_float8(as_int8(whole));
-#endif
+    return CONVERT(as_int8(whole), float8);
 }
 
 INLINE float lanes_min(float8 a)

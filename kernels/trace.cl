@@ -20,14 +20,14 @@ void trace_closest(uint count, constant SceneParams *params, const global BvhNod
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
     Rays rays;
-    RayFrame frames[PACKET];
+    RayFrames frames;
     Hits hits;
-    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, frames, invalid);
+    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, &frames, invalid);
     uint found = bvh_hits(&scene, &rays, lanes, false, &hits);
+    rays_store_distances(&frames, &hits.t, found, first, count, t);
     for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane) {
         uint i = first + lane;
         bool hit = found >> lane & 1u;
-        t[i] = hit ? ray_distance(&frames[lane], real_lane(&hits.t, lane)) : (real)INFINITY;
         ids[i] = hit ? int_lane(&hits.id, lane) : -1;
         u[i] = hit ? real_lane(&hits.u, lane) : (real)0;
         v[i] = hit ? real_lane(&hits.v, lane) : (real)0;
@@ -44,9 +44,9 @@ void trace_any(uint count, constant SceneParams *params, const global BvhNode *n
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
     Rays rays;
-    RayFrame frames[PACKET];
+    RayFrames frames;
     Hits hits;
-    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, frames, invalid);
+    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, &frames, invalid);
     uint found = bvh_hits(&scene, &rays, lanes, true, &hits);
     for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane)
         occluded[first + lane] = found >> lane & 1u;
@@ -65,9 +65,9 @@ void trace_all(uint count, constant SceneParams *params, const global BvhNode *n
         return;
     const Scene scene = trace_scene(params, nodes, blocks);
     Rays rays;
-    RayFrame frames[PACKET];
+    RayFrames frames;
     Query query;
-    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, frames, invalid);
+    uint lanes = rays_load(space, origins, directions, limits, stride, first, count, &rays, &frames, invalid);
     lanes = query_from(&scene, &rays, lanes, &query);
     for (uint lane = 0u; lane < PACKET && first + lane < count; ++lane) {
         uint i = first + lane;

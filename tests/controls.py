@@ -97,6 +97,7 @@ CONTROLS = {
     "splits without number": Control("direct.h", " && *splits > 0", ""),
     "overflow": Control("packet.h", "{min8(FLT_MAX, a.x), min8(FLT_MAX, a.y), min8(FLT_MAX, a.z)}", "a"),
     "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),
+    "vectors of rays too long": Control("rays.h", "limit *= power4(*exponent);", "limit *= 1.5 * power4(*exponent);"),
     "every ray alone": Control("bvh.h", "#define LANES_TOGETHER 3", "#define LANES_TOGETHER 9"),
     # No protection, but, for rays alone, the truth for one: every box is entered, and nothing is culled by distance.
     "brute force": Control(

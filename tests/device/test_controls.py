@@ -11,6 +11,7 @@ from pyrt.scene import Mesh
 from tests import meshes
 from tests.controls import CONTROLS, edited, kernels
 from tests.device import test_degenerate as degenerate
+from tests.device import test_rays as rays
 from tests.device import test_spawned_rays as spawned
 from tests.device import test_texture as texture
 from tests.device import test_watertight as watertight
@@ -85,6 +86,7 @@ TESTS = {
     "lamps without offset": lambda: spawned.test_a_lamp_in_a_ceiling_lights_the_room_as_if_there_were_no_ceiling(
         above=0.0, kind="rectangle"
     ),  # N15
+    "vectors of rays too long": lambda: rays.test_packets_change_nothing(1.0),
     "texels by truncation": lambda: texture.test_image_is_periodic_and_bilinear((3, 5)),  # N27
 }
 

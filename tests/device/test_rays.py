@@ -55,6 +55,26 @@ def test_kernel_and_numpy_normalise_to_the_same_bits(seed):
         assert np.array_equal(hidden, hits.triangle >= 0)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-160])
+def test_packets_change_nothing(size):
+    """A ray among rays that are not finite is loaded alone; one among its like may be loaded in vectors."""
+    random = np.random.default_rng(3)
+    tracer = pyrt.RayTracer(*meshes.soup(random.uniform(-size, size, (60, 3, 3))))
+    origins, directions = random.uniform(-size, size, (2, 803, 3))
+    directions *= 2.0 ** np.repeat(random.choice([0.0, -300.0, 499.0, 501.0], 101), 8)[:803, None]
+    for limit in (np.full(803, np.inf), random.uniform(0, 2 * size, 803) / np.abs(directions).max(axis=1)):
+        slots = 8 * np.arange(803) + random.integers(8, size=803)
+        scattered = np.full((8 * 803, 6), np.nan)
+        scattered[slots] = np.concatenate([origins, directions], axis=1)
+        alone = scattered[:, :3], scattered[:, 3:], np.repeat(limit, 8)
+        together, apart = tracer.closest(origins, directions, limit), tracer.closest(*alone)
+        assert (together.triangle >= 0).sum() > 100
+        for name in ("t", "triangle", "u", "v"):
+            assert getattr(together, name).tobytes() == getattr(apart, name)[slots].tobytes()
+        for hidden in (tracer.occluded(origins, directions, limit), tracer.occluded(*alone)[slots]):
+            assert np.array_equal(hidden, together.triangle >= 0)
+
+
 def test_another_rounding_is_seen():
     """The control: origins rounded to float32 before they are normalised give other hits."""
     mesh, origins, directions, _ = mesh_and_rays(2, 5000)
