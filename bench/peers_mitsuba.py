@@ -150,7 +150,8 @@ def write_scene(scene: Scene, size: tuple[int, int], folder: Path) -> Path:
         if isinstance(shape, Mesh):
             path = folder / f"mesh{index}.ply"
             contents[f"shape{index}"].write_ply(str(path))
-            contents[f"shape{index}"] = {"type": "ply", "filename": str(path), **_surface(scene, shape)}
+            flat = {"face_normals": shape.normals is None}  # else Mitsuba would compute some
+            contents[f"shape{index}"] = {"type": "ply", "filename": str(path), **flat, **_surface(scene, shape)}
     sensor = _sensor(scene, size, "multijitter")
     whole = {"type": "scene", "sensor": sensor, **contents}
     mi.parser.write_file(mi.parser.parse_dict(mi.parser.ParserConfig(variant()), whole), str(folder / "scene.xml"))
