@@ -120,14 +120,19 @@ def _errors(state: Adaptive) -> NDArray[np.float64]:
 def _dimmers(state: Adaptive, noisy: NDArray[np.intp], errors: NDArray[np.float64]) -> NDArray[np.float64]:
     """The factors to errors relative to the true radiance, of noisy pixels.
 
-    A pixel that is too bright by chance hides its error behind its brightness. So it is held against the median of its
-    tile of 16 pixels, or what its own error allows next to that.
+    A pixel that is too bright by chance hides its error behind its brightness. So it is held against a mean of itself
+    and of the median of its tile of 16 pixels, weighted by how much the others differ and by how noisy it is (as in
+    Lee's filter, 1980), or what its own error allows next to that.
     """
     tiles = np.minimum(noisy[:, None] // 16 * 16 + np.arange(16), len(state.count) - 1)
     radiance = state.sums[0].mean(axis=0)[tiles] / np.maximum(state.count, 1)[tiles]
     own = state.sums[0].mean(axis=0)[noisy] / np.maximum(state.count, 1)[noisy]
-    slack = _DEVIATIONS * np.sqrt(errors * (own * own + RADIANCE_FLOOR))
-    likely = np.clip(np.median(radiance, axis=1), own - slack, own + slack)
+    others = (radiance.sum(axis=1) - own) / 15
+    spread = np.maximum((radiance * radiance).sum(axis=1) - own * own - 15 * others * others, 0) / 15
+    noise = errors * (own * own + RADIANCE_FLOOR)
+    slack = _DEVIATIONS * np.sqrt(noise)
+    likely = (spread * own + noise * np.median(radiance, axis=1)) / (spread + noise)
+    likely = np.clip(likely, own - slack, own + slack)
     return np.asarray((own * own + RADIANCE_FLOOR) / (likely * likely + RADIANCE_FLOOR))
 
 
