@@ -15,11 +15,14 @@ from pyrt.exr_state import StatePart
 from pyrt.files import check_file, check_target, replacing
 from pyrt.image_file import Attribute, date, first_line, image_spec, in_rows, is_utf8, write_exr, write_file
 from pyrt.image_tools import check_view, viewed
+from pyrt.layout import aligned_empty
+from pyrt.room import available
 from pyrt.settings import Window
 
 MAX_TEXTURE_SIDE = 32768
-MAX_TEXELS = 2**27  # 1.5 GiB of float32 RGB; a device buffer may end at 2 GiB
+MAX_TEXELS = 2**28  # as many as a picture may have: 3 GiB of float32 RGB
 MAX_EXPOSURE = 120  # whose gain float32 holds
+_UNASKED = 64 << 20  # bytes; to ask how much memory there is takes a millisecond
 
 _DISPLAY = {".png", ".jpg", ".jpeg"}
 _LINEAR = {".exr", ".hdr", ".tif", ".tiff", ".npy"}
@@ -59,8 +62,9 @@ def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) ->
     warning where it is not 1 everywhere.
 
     Raises:
-        SceneError: no such file, not readable as an image, more than 32768 pixels on a side or 2^27 in all (found
+        SceneError: no such file, not readable as an image, more than 32768 pixels on a side or 2^28 in all (found
             before the pixels are read), or a texel that is not finite.
+        PyrtError: it would not fit into memory.
     """
     stored, spec = _read(path)
     pixels = _decoded(stored[..., _color_channels(spec, path)], colorspace or _stored_colorspace(spec))
@@ -129,11 +133,22 @@ def _read(path: str | os.PathLike[str]) -> tuple[NDArray[Any], Any]:
         )
     if spec.deep or spec.depth > 1:
         raise SceneError(f"{path}: expected a flat image, found a {'deep' if spec.deep else 'volume'} image")
+    _require_room(path, spec)
     kind = str(spec.format)
     stored = file.read_image(kind if kind in ("uint8", "uint16") else "float")
     if stored is None:
         raise SceneError(f"{path}: not a readable image: {first_line(file.geterror())}")
     return stored, spec
+
+
+def _require_room(path: str | os.PathLike[str], spec: Any) -> None:
+    """Raises PyrtError unless there is memory for the pixels as they are stored, and for their colours."""
+    channel = {"uint8": 1, "uint16": 2}.get(str(spec.format), 4)
+    need = spec.width * spec.height * (spec.nchannels * channel + 12)
+    if need > _UNASKED and need > (free := available()):
+        size = f"{spec.width} x {spec.height} pixels of {spec.nchannels} channels"
+        found = f"{need / 2**30:.3g} GiB of free memory for {size}, found {free / 2**30:.3g} GiB"
+        raise PyrtError(f"{path}: expected {found}")
 
 
 def _color_channels(spec: Any, path: str | os.PathLike[str]) -> list[int]:
@@ -152,14 +167,15 @@ def _stored_colorspace(spec: Any) -> str:
 
 
 def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
+    decoded: Image = aligned_empty(stored.size, np.float32).reshape(stored.shape)
     if stored.dtype.kind == "u":
         values = np.linspace(0, 1, np.iinfo(stored.dtype).max + 1)
         table = srgb_to_linear(values) if colorspace == "srgb" else values
-        # else the colours would be in the channels' order, and be copied on every further use
-        decoded: Image = table.astype(np.float32)[np.ascontiguousarray(stored)]
-        return decoded
-    with np.errstate(over="ignore"):  # infinite then, which the caller checks
-        return np.ascontiguousarray(srgb_to_linear(stored) if colorspace == "srgb" else stored, np.float32)
+        np.take(table.astype(np.float32), stored, out=decoded, mode="clip")  # the other modes copy
+    else:
+        with np.errstate(over="ignore"):  # infinite then, which the caller checks
+            decoded[...] = srgb_to_linear(stored) if colorspace == "srgb" else stored
+    return decoded
 
 
 def check_output(path: str | os.PathLike[str], exposure: float = 0.0, view: str | None = None) -> None:

@@ -182,9 +182,9 @@ def _texture(loading: Loading, path: str, texture: schema.TextureModel) -> scene
 
 def _reflectance(loading: Loading, path: str, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     """Clamps to [0, 1], with a warning: a surface cannot reflect more light than arrives."""
-    outside = int(np.sum(((pixels < 0) | (pixels > 1)).any(axis=2)))
-    if not outside:
+    if pixels.min() >= 0 and pixels.max() <= 1:
         return pixels
+    outside = int(np.sum(((pixels < 0) | (pixels > 1)).any(axis=2)))
     values = f"from {pixels.min():g} to {pixels.max():g}"
     loading.warn(path, f"{outside} pixels have reflectances outside 0 to 1 ({values}) and are clamped")
     return np.clip(pixels, 0, 1)
