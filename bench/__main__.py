@@ -59,8 +59,8 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
     repeats = args.repeats or (3 if args.quick else 7)
     return {
         "error": lambda: error.run(settings, out),
-        "rays": lambda: rays.run(args.quick, repeats),
-        "build": lambda: build.run(args.quick, repeats),
+        "rays": lambda: rays.run(args.quick, repeats, args.mesh),
+        "build": lambda: build.run(args.quick, repeats, args.mesh),
         "start": lambda: start.run(args.quick, repeats),
         "growth": lambda: growth.run(args.quick, min(repeats, 3), out),
         "cost": lambda: cost.run(args.quick, repeats),
@@ -103,6 +103,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--size", type=int, metavar="N", help="error: pictures of N×N pixels")
     parser.add_argument("--reference-spp", type=int, metavar="N", help="error: samples of the reference")
+    parser.add_argument(
+        "--mesh",
+        action="append",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="rays, build: this mesh, too; may be repeated",
+    )
     parser.add_argument("--bias", action="store_true", help="numerics: the bias floor of every scene instead")
     return parser
 

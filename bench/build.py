@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import statistics
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 import pyrt
 from bench import peers_embree, peers_mitsuba
 from bench.measure import interleaved, paired_ratio
 from bench.report import Outcome, Table, number
 from bench.scenes import bumpy_ball
+from pyrt.mesh_io import load_mesh
 
 SIZES = (327_680, 1_000_000)
 QUICK_SIZES = (81_920,)
 TRACER, MITSUBA, EMBREE = "pyrt.RayTracer", "Mitsuba", "embreex"
 
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
-def run(quick: bool, repeats: int) -> Outcome:
-    """Seconds from numpy arrays to a tracer that can be asked."""
+
+def run(quick: bool, repeats: int, files: Sequence[Path] = ()) -> Outcome:
+    """Seconds from numpy arrays to a tracer that can be asked; of the meshes of files, too."""
     rows: list[tuple[str, ...]] = []
     figures: dict[str, float] = {}
     data = {}
-    for triangles in QUICK_SIZES if quick else SIZES:
-        print(f"build: {triangles} triangles", file=sys.stderr)
-        seconds = interleaved(_jobs(triangles), repeats, lambda name, result: None)
-        label = f"{triangles:,} triangles"
+    meshes: dict[str, Mesh] = {f"{n:,} triangles": bumpy_ball(n) for n in (QUICK_SIZES if quick else SIZES)}
+    for file in files:
+        vertices, triangles, *_ = load_mesh(file)
+        meshes[f"{file.name} ({len(triangles):,} triangles)"] = vertices, triangles
+    for label, mesh in meshes.items():
+        print(f"build: {label}", file=sys.stderr)
+        seconds = interleaved(_jobs(mesh), repeats, lambda name, result: None)
         data[label] = seconds
         median = {name: statistics.median(times) for name, times in seconds.items()}
         figures |= {f"{label}, {name} s": value for name, value in median.items()}
@@ -45,8 +55,7 @@ def run(quick: bool, repeats: int) -> Outcome:
     return Outcome((Table("Build", columns, tuple(rows), notes),), figures, data)
 
 
-def _jobs(triangles: int) -> dict[str, Callable[[int], Any]]:
-    mesh = bumpy_ball(triangles)
+def _jobs(mesh: Mesh) -> dict[str, Callable[[int], Any]]:
     jobs: dict[str, Callable[[int], Any]] = {TRACER: lambda _: pyrt.RayTracer(*mesh)}
     if peers_embree.version():
         jobs[EMBREE] = lambda _: peers_embree.ray_scene(*mesh)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import statistics
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,16 +26,16 @@ KERNEL, WHOLE, MITSUBA, EMBREE = "pyrt kernel", "pyrt whole", "Mitsuba", "embree
 Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def run(quick: bool, repeats: int) -> Outcome:
-    """Millions of rays per second of every tracer that is installed."""
+def run(quick: bool, repeats: int, files: Sequence[Path] = ()) -> Outcome:
+    """Millions of rays per second of every tracer that is installed; against the meshes of files, too."""
     side = 512 if quick else 1024
     rows: list[tuple[str, ...]] = []
     figures: dict[str, float] = {}
     data = {}
     incoherent = {}
-    for label, name in SCENES.items():
+    scenes = {label: shipped(name) for label, name in SCENES.items()}
+    for label, scene in (scenes | {file.name: pyrt.load_scene(file) for file in files}).items():
         print(f"rays: {label}", file=sys.stderr)
-        scene = shipped(name)
         mesh = soup(scene)
         beams = {"coherent": camera_rays(scene.camera, side), "incoherent": random_rays(mesh[0], side**2)}
         incoherent[label] = mesh, beams["incoherent"]
@@ -56,7 +57,7 @@ def run(quick: bool, repeats: int) -> Outcome:
                 )
     notes = (
         f"{side**2:,} rays, {repeats} interleaved repetitions, medians. Coherent: camera rays in {TILE}×{TILE} tiles; "
-        "incoherent: uniform origins in the room, uniform directions.",
+        "incoherent: uniform origins in the room, uniform directions. Files as `pyrt render` shows them, on a floor.",
         "Kernel: float64 rays in arrays, hits into arrays that exist. Whole: with new arrays and the checks. Mitsuba's "
         "rays are float32 and stay, like its hits, on the device. "
         "Embree through embreex traces one ray at a time on one core, with float32 numpy in and out.",

@@ -133,6 +133,7 @@ def curves(
     """Plots x against y, log–log; pyrt stands out. Needs matplotlib; without it, nothing is written."""
     try:
         from matplotlib.figure import Figure
+        from matplotlib.ticker import LogLocator, NullFormatter
     except ImportError:
         print(f"{path.name}: not drawn, for matplotlib is missing", file=sys.stderr)
         return
@@ -140,6 +141,10 @@ def curves(
     axes = figure.add_subplot(xscale="log", yscale="log", xlabel=labels[0], ylabel=labels[1], title=title)
     for name, (x, y) in lines.items():
         axes.plot(x, y, marker="o", label=name, linewidth=2.5 if name.startswith("pyrt") else 1)
+    if axes.get_xlim()[1] < 1e3 * axes.get_xlim()[0]:  # labels at every digit would overlap
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(True, which="both", alpha=0.3)
     axes.legend()
     figure.savefig(path)
