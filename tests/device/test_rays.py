@@ -75,6 +75,21 @@ def test_packets_change_nothing(size):
             assert np.array_equal(hidden, together.triangle >= 0)
 
 
+def test_devices_without_packets_find_the_same_bits():
+    random = np.random.default_rng(4)
+    mesh = meshes.soup(random.uniform(-1, 1, (60, 3, 3)))
+    packets = pyrt.RayTracer(*mesh)
+    with patch.object(Device, "packet", 1):
+        single = pyrt.RayTracer(*mesh)
+        origins, directions = random.uniform(-1, 1, (2, 1003, 3))
+        directions[500:] = directions[500] + 0.1 * directions[500:]  # run together
+        alone = single.closest(origins, directions), single.occluded(origins, directions)
+        listed = single.all_hits(origins, directions)
+    assert bits(packets.closest(origins, directions)) == bits(alone[0])
+    assert np.array_equal(packets.occluded(origins, directions), alone[1])
+    assert np.array_equal(packets.all_hits(origins, directions).triangle, listed.triangle)
+
+
 def test_another_rounding_is_seen():
     """The control: origins rounded to float32 before they are normalised give other hits."""
     mesh, origins, directions, _ = mesh_and_rays(2, 5000)
