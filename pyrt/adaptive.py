@@ -30,13 +30,13 @@ from pyrt.partial import Adaptive
 
 FIRST_SAMPLES = 2
 STEADY_LEVEL = 3  # from which on errors are averaged with what the halves' errors let expect
-_DEVIATIONS = 1.5  # by which a noisy pixel may be off
+_DEVIATIONS = 3.0  # by which a noisy pixel may be off
 _NOISY = 0.01  # squared relative error of a pixel whose own radiance cannot be relied on
 _PART = 1 << 26  # samples between two chances to save
 _BLOCK = 8192  # pixels added at a time, so that they stay in cache
 RADIANCE_FLOOR = 0.01  # squared; below a tenth, errors count in absolute terms
 _LEAST_DECAY = (0.125, 0.125, 0.125, 0.125, 0.35)  # by class; lights' edges are edges, whose errors fall as n^−1.5
-_MOST_DECAY = 0.6
+_MOST_DECAY = 0.5  # of independent samples
 _DECAY_PIXELS = 30  # that a class must have, to measure it
 _SHARPEN = 0.25  # of the squared error: what a round aims at if there is no target
 _AIM = 0.75  # of the squared target: what a round aims at, or else many would do ever less
