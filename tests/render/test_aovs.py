@@ -12,7 +12,7 @@ from pyrt.adaptive import FIRST_SAMPLES
 from pyrt.aov import AOVS, NONE, check_aovs
 from pyrt.camera import film_plane, world_to_camera
 from pyrt.errors import UsageError
-from pyrt.passes import tiled_pixels
+from pyrt.passes import SampleTracer
 from pyrt.scene import Camera, Diffuse, Mesh, Rectangle, Refraction, Scene, Sphere
 from tests.reference.geometry import build, closest
 from tests.reference.rendering import make_scene
@@ -252,7 +252,8 @@ def test_a_crop_has_the_bits_of_the_whole(crop, renderer, result):
 
 def test_a_crop_of_another_place_has_other_bits(renderer, result, monkeypatch):
     """Negative control: as if the crop's pixels were counted from its corner."""
-    monkeypatch.setattr("pyrt.picture.tiled_pixels", lambda w, h: tiled_pixels(w, h) - np.uint32(7 | 5 << 16))
+    trace, corner = SampleTracer.trace, np.uint32(7 | 5 << 16)
+    monkeypatch.setattr(SampleTracer, "trace", lambda self, pixels, *rest: trace(self, pixels - corner, *rest))
     part = renderer.render(2, size=SIZE, crop=(7, 5, 22, 18))
     assert (part.image != result.image[5:18, 7:22]).any()
 
