@@ -67,7 +67,7 @@ def read_texture(path: str | os.PathLike[str], colorspace: str | None = None) ->
         PyrtError: it would not fit into memory.
     """
     stored, spec = _read(path)
-    pixels = _decoded(stored[..., _color_channels(spec, path)], colorspace or _stored_colorspace(spec))
+    pixels = _decoded(stored, _color_channels(spec, path), colorspace or _stored_colorspace(spec))
     if not np.isfinite(pixels).all():
         raise SceneError(f"{path}: {np.sum(~np.isfinite(pixels).all(axis=2))} pixels are not finite")
     alpha = stored[..., spec.alpha_channel] if spec.alpha_channel >= 0 else None
@@ -86,7 +86,7 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
             return Picture(_read_npy(path), False)
         stored, spec = _read(path)
         colorspace = _stored_colorspace(spec)
-        return Picture(_decoded(stored[..., _color_channels(spec, path)], colorspace), colorspace == "srgb")
+        return Picture(_decoded(stored, _color_channels(spec, path), colorspace), colorspace == "srgb")
     except SceneError as error:
         raise UsageError(str(error)) from None
 
@@ -166,15 +166,19 @@ def _stored_colorspace(spec: Any) -> str:
     return "srgb" if tag.startswith("srgb") or str(spec.format) not in ("half", "float", "double") else "linear"
 
 
-def _decoded(stored: NDArray[Any], colorspace: str) -> Image:
-    decoded: Image = aligned_empty(stored.size, np.float32).reshape(stored.shape)
-    if stored.dtype.kind == "u":
-        values = np.linspace(0, 1, np.iinfo(stored.dtype).max + 1)
-        table = srgb_to_linear(values) if colorspace == "srgb" else values
-        np.take(table.astype(np.float32), stored, out=decoded, mode="clip")  # the other modes copy
-    else:
-        with np.errstate(over="ignore"):  # infinite then, which the caller checks
-            decoded[...] = srgb_to_linear(stored) if colorspace == "srgb" else stored
+def _decoded(stored: NDArray[Any], channels: list[int], colorspace: str) -> Image:
+    """(height, width, 3), some rows at a time: a copy of all, or indices of 64 bits, would take most of the memory."""
+    decoded: Image = aligned_empty(stored.shape[0] * stored.shape[1] * 3, np.float32).reshape(*stored.shape[:2], 3)
+    whole = stored.dtype.kind == "u"
+    values = np.linspace(0, 1, np.iinfo(stored.dtype).max + 1) if whole else np.empty(0)
+    table = (srgb_to_linear(values) if colorspace == "srgb" else values).astype(np.float32)
+    for part, out in zip(in_rows(stored), in_rows(decoded), strict=True):
+        colors = part[..., channels]
+        if whole:
+            np.take(table, colors, out=out, mode="clip")  # the other modes copy
+        else:
+            with np.errstate(over="ignore"):  # infinite then, which the caller checks
+                out[...] = srgb_to_linear(colors) if colorspace == "srgb" else colors
     return decoded
 
 
