@@ -64,7 +64,7 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
         "start": lambda: start.run(args.quick, repeats),
         "growth": lambda: growth.run(args.quick, min(repeats, 3), out),
         "cost": lambda: cost.run(args.quick, repeats),
-        "numerics": lambda: bias.run(args.quick) if args.bias else numerics.run(args.quick),
+        "numerics": lambda: bias.run(args.quick, out) if args.bias else numerics.run(args.quick),
     }
 
 

@@ -5,24 +5,27 @@
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void classify(const PassParams pass, constant SceneParams *params, const global Triangle *triangles,
               const global Corners *corners, const global Material *materials, const global Texture *textures,
-              const global Light *lights, const global uint *pixels, const global Candidates *candidates, global uchar *classes)
+              const global Light *lights, const global TriangleBlock *triangle_blocks, const global uint *pixels,
+              const global uint *starts, const global Candidates *candidates, global TriangleBlock *gathered,
+              global uchar *classes)
 {
     const Scene scene = {.params = params, .triangles = triangles, .corners = corners, .materials = materials,
-                         .textures = textures, .lights = lights};
-    uint first = (uint)get_global_id(0) * BEAM_PIXELS;
-    if (first >= pass.pixel_count)
+                         .textures = textures, .lights = lights, .triangle_blocks = triangle_blocks};
+    uint i = (uint)get_global_id(0);
+    if (i >= pass.beam_count)
         return;
-    uint count = min(pass.pixel_count - first, (uint)BEAM_PIXELS);
-    uint shafts = params->light_count <= SHAFT_LIGHTS ? (uint)params->light_count : 0u;
-    pixels += pass.first_pixel + first;
-    classes += first;
-    candidates += (first / BEAM_PIXELS) * (1u + shafts);
-    Beam beam = beam_of_pixels(&scene, pixels, count);
-    uchar whole = classify_beam(&scene, &beam, candidates, (int)shafts);
+    uint first = starts[i], end = i + 1u < pass.beam_count ? starts[i + 1u] : pass.pixel_count;
+    int shafts = shaft_count(params);
+    candidates += (size_t)i * (size_t)(1 + shafts);
+    gathered += (size_t)i * (size_t)(1 + shafts);
+    for (int k = 0; k <= shafts; ++k)
+        candidates_gather(&scene, candidates + k, gathered + k);
+    Beam beam = beam_of_pixels(&scene, pixels[pass.first_pixel + first], BEAM_SIDE);
+    uchar whole = classify_beam(&scene, &beam, candidates, gathered, shafts);
     bool same = whole == PIXEL_PLAIN || whole == PIXEL_UNKNOWN; /* no edge, and no light would be better known */
-    for (uint i = 0; i < count; ++i) {
-        beam = beam_of_pixels(&scene, pixels + i, 1u);
-        classes[i] = same ? whole : classify_beam(&scene, &beam, candidates, (int)shafts);
+    for (uint p = first; p < end; ++p) {
+        beam = beam_of_pixels(&scene, pixels[pass.first_pixel + p], 1u);
+        classes[p] = same ? whole : classify_beam(&scene, &beam, candidates, gathered, shafts);
     }
 }
 

@@ -10,18 +10,17 @@
 #include "camera.h"
 #include "volume.h"
 
-/* The beam of `count` pixels: through the film rectangle around them. */
-NO_INLINE Beam beam_of_pixels(const Scene *scene, const global uint *pixels, uint count)
+/* How many of the lights have a shaft of their own: of the first ones. */
+INLINE int shaft_count(constant SceneParams *params)
 {
-    uint x0 = 0xffffu, x1 = 0u, y0 = 0xffffu, y1 = 0u;
-    for (uint i = 0; i < count; ++i) {
-        uint x = pixels[i] & 0xffffu, y = pixels[i] >> 16;
-        x0 = x < x0 ? x : x0;
-        x1 = x > x1 ? x : x1;
-        y0 = y < y0 ? y : y0;
-        y1 = y > y1 ? y : y1;
-    }
-    float left = (float)x0, right = (float)(x1 + 1u), above = (float)y0, below = (float)(y1 + 1u);
+    return min(params->light_count, SHAFT_LIGHTS);
+}
+
+/* The beam through the square of side x side pixels that holds this one; their corners are multiples of `side`. */
+INLINE Beam beam_of_pixels(const Scene *scene, uint pixel, uint side)
+{
+    uint x = (pixel & 0xffffu) / side * side, y = (pixel >> 16) / side * side;
+    float left = (float)x, right = (float)(x + side), above = (float)y, below = (float)(y + side);
     Beam beam;
     camera_ray(&scene->params->camera, left, above, &beam.o[0], &beam.d[0]);
     camera_ray(&scene->params->camera, right, above, &beam.o[1], &beam.d[1]);
@@ -115,13 +114,41 @@ INLINE Box beam_receivers(const Scene *scene, const Beam *beam, const global Can
     Box receivers = box_empty();
     NO_UNROLL
     for (int lane = 0; lane < hits->count; ++lane) {
-        Box box = beam_footprint(scene, beam, hits->block.id[lane], pad);
+        Box box = beam_footprint(scene, beam, candidate_id(scene, hits->places[lane]), pad);
         if (box.low.x <= box.high.x && box.low.y <= box.high.y && box.low.z <= box.high.z) {
             box_add(&receivers, box.low);
             box_add(&receivers, box.high);
         }
     }
     return receivers;
+}
+
+/* Whether the edges of triangles before a rectangle light, thrown onto it from the middle of the receivers, run more along its
+ * first edge than along the second. Lines across them are cut, where lines along them are hidden or not as a whole. */
+INLINE bool shadows_run_along(const Scene *scene, const Box *receivers, const global Light *light, const global Candidates *shaft)
+{
+    float3 eye = 0.5f * (receivers->low + receivers->high), n = load3(light->n);
+    float3 e1 = load3(light->edge1), e2 = load3(light->edge2);
+    float3 c1 = cross3(e2, n) / dot3(cross3(e2, n), e1), c2 = cross3(e1, n) / dot3(cross3(e1, n), e2);
+    float height = dot3(n, load3(light->position) - eye), along1 = 0.0f, along2 = 0.0f;
+    NO_UNROLL
+    for (int i = 0; i < shaft->count; ++i) {
+        float2 shadow[3];
+        for (int k = 0; k < 3; ++k) {
+            int place = shaft->places[i];
+            float3 to = (float3)(candidate_corner(scene, place, k, 0), candidate_corner(scene, place, k, 1),
+                                 candidate_corner(scene, place, k, 2)) - eye;
+            to *= height / min1(dot3(n, to), height * 1e-3f); /* height is negative */
+            shadow[k] = (float2)(dot3(c1, to), dot3(c2, to));
+        }
+        for (int k = 0; k < 3; ++k) {
+            float2 edge = shadow[k == 2 ? 0 : k + 1] - shadow[k];
+            float x = abs1(edge.x), y = abs1(edge.y), scale = 1.0f / max1(max1(x, y), 1.0f);
+            along1 += x * scale;
+            along2 += y * scale;
+        }
+    }
+    return along1 > along2;
 }
 
 /* Candidates of the beam at out[0] and of its shaft to light i at out[1 + i]. */
@@ -143,9 +170,13 @@ NO_INLINE void beam_trace(const Scene *scene, const Beam *beam, int shaft_lights
             volume = volume_empty(scene, target.low);
             volume_add_hull(&volume, receivers, target);
         }
-        volume_collect(scene, &volume, beam, i > 0 ? out : 0, light->first, i > 0 ? (uint)light->count : 0u, &out[i]);
-        if (i > 0)
+        volume_collect(scene, &volume, beam, i > 0 ? out : 0, light->first, i > 0 ? (uint)light->count : 0u,
+                       i > 0 ? SHAFT_CANDIDATES : BEAM_CANDIDATES, &out[i]);
+        if (i > 0) {
+            if (HAS_RECTANGLE_LIGHTS && light->kind == LIGHT_RECTANGLE)
+                out[i].across = shadows_run_along(scene, &receivers, light, &out[i]);
             continue;
+        }
         if (out->count <= 0)
             return;
         receivers = beam_receivers(scene, beam, out, volume.pad);

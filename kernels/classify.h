@@ -12,6 +12,19 @@
 #define COPLANAR_ULPS 64.0f
 #define EDGE_SLACK 1e-5f /* in barycentrics: neighbours overlap rather than leave a crack */
 
+/* The candidates side by side; those beyond the block's width are left out. */
+static void candidates_gather(const Scene *scene, const global Candidates *candidates, global TriangleBlock *block)
+{
+    for (int lane = 0; lane < BVH_WIDTH; ++lane) {
+        bool some = lane < candidates->count;
+        int place = some ? candidates->places[lane] : 0;
+        for (int k = 0; k < 3; ++k)
+            for (int axis = 0; axis < 3; ++axis)
+                block->vertex[k][axis][lane] = some ? candidate_corner(scene, place, k, axis) : NAN;
+        block->id[lane] = some ? candidate_id(scene, place) : -1;
+    }
+}
+
 /* Which lanes the line o + t d crosses at 0 < t < t_max; *inv_t: 1 / t where it crosses their planes. */
 static uint lanes_crossed(const global TriangleBlock *block, float3 o, float3 d, float t_max, float8 *inv_t)
 {
@@ -118,7 +131,8 @@ INLINE bool cone_ends_in(const float3 *footprint, const global Light *light)
 }
 
 /* What stands between a flat footprint and a light: nothing or everything (plain), or perhaps something. */
-static uchar classify_light(const Scene *scene, const float3 *footprint, float3 n, float pad, int i, const global Candidates *shaft)
+static uchar classify_light(const Scene *scene, const float3 *footprint, float3 n, float pad, int i, const global Candidates *shaft,
+                            const global TriangleBlock *block)
 {
     const global Light *light = &scene->lights[i];
     Box target;
@@ -129,8 +143,10 @@ static uchar classify_light(const Scene *scene, const float3 *footprint, float3 
         return PIXEL_PLAIN; /* below the horizon */
     if (HAS_SPOT_LIGHTS && light->cone_slope > 0.0f && cone_ends_in(footprint, light))
         return PIXEL_PENUMBRA;
-    if (shaft->count <= 0)
-        return shaft->count < 0 ? PIXEL_UNKNOWN : PIXEL_PLAIN;
+    if (shaft->count == 0)
+        return PIXEL_PLAIN;
+    if (shaft->count < 0 || shaft->count > BVH_WIDTH)
+        return PIXEL_UNKNOWN;
     Box from = box_empty();
     for (int k = 0; k < 4; ++k)
         box_add(&from, footprint[k]);
@@ -138,18 +154,19 @@ static uchar classify_light(const Scene *scene, const float3 *footprint, float3 
     from.high += pad;
     Volume volume = volume_empty(scene, target.low);
     volume_add_hull(&volume, from, target);
-    uint lanes = volume_block_mask(&volume, &shaft->block) & lanes_in_front(scene, footprint[0], n, &shaft->block);
-    if (lanes == 0u || light_is_hidden(scene, footprint, light, &shaft->block, lanes))
+    uint lanes = volume_block_mask(&volume, block) & lanes_in_front(scene, footprint[0], n, block);
+    if (lanes == 0u || light_is_hidden(scene, footprint, light, block, lanes))
         return PIXEL_PLAIN;
     return PIXEL_PENUMBRA;
 }
 
-/* The class of the pixels of a beam as one, from the candidates of this beam, or of one around it, and of their shafts. */
-static uchar classify_beam(const Scene *scene, const Beam *beam, const global Candidates *candidates, int shafts)
+/* The class of the pixels of a beam as one, from the candidates of this beam, or of one around it, and of their shafts; and the
+ * same side by side. */
+static uchar classify_beam(const Scene *scene, const Beam *beam, const global Candidates *candidates,
+                           const global TriangleBlock *block, int shafts)
 {
-    if (candidates->count < 0 || shafts < scene->params->light_count)
+    if (candidates->count < 0 || candidates->count > BVH_WIDTH || shafts < scene->params->light_count)
         return PIXEL_UNKNOWN;
-    const global TriangleBlock *block = &candidates->block;
     Volume volume = beam_volume(scene, beam);
     uint mask = volume_block_mask(&volume, block) & beam_block_mask(beam, block, volume.pad);
     if (mask == 0u)
@@ -193,7 +210,7 @@ static uchar classify_beam(const Scene *scene, const Beam *beam, const global Ca
         footprint[i] = madd3(beam->d[i], 1.0f / inv_t[i][front], beam->o[i]);
     uchar worst = PIXEL_PLAIN;
     for (int i = 0; i < shafts; ++i)
-        worst = max(worst, classify_light(scene, footprint, n, volume.pad, i, candidates + 1 + i));
+        worst = max(worst, classify_light(scene, footprint, n, volume.pad, i, candidates + 1 + i, block + 1 + i));
     return worst;
 }
 

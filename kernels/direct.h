@@ -4,15 +4,7 @@
 
 #include "bsdf.h"
 #include "bvh.h"
-#include "light.h"
-
-/* What a sample did, for the statistics. */
-typedef struct {
-    uint specular; /* rays traced on from specular surfaces */
-    uint shadow;   /* shadow rays traced */
-    uint dark;     /* shadow rays saved: the unoccluded light was exactly zero */
-    uint clear;    /* shadow rays saved: nothing stands between the beam and the light */
-} Counters;
+#include "line.h"
 
 /* As bvh_hits, for rays of a bundle whose candidates are known; none (0): traverse. */
 INLINE uint candidates_hits(const Scene *scene, const global Candidates *candidates, const Rays *rays, uint lanes, bool any,
@@ -20,7 +12,7 @@ INLINE uint candidates_hits(const Scene *scene, const global Candidates *candida
 {
     if (!HAS_BEAMS || !candidates || candidates->count < 0)
         return bvh_hits(scene, rays, lanes, any, hits);
-    return triangles_hits(&candidates->block, candidates->count, rays, lanes, any, hits);
+    return triangles_hits(scene, candidates, rays, lanes, any, hits);
 }
 
 /* Which of the lanes see their light: the segments between the two points, open at both ends, are free of everything but the
@@ -41,10 +33,16 @@ INLINE Vec direct_irradiance(const Scene *scene, const Surface *si, uint lanes, 
 {
     Vec sum = vec_of(0.0f, 0.0f, 0.0f);
     for (int i = 0; i < scene->params->light_count; ++i) {
-        LightSample s = light_sample(scene, &scene->lights[i], si, lanes, sampler, 1u + 2u * (uint)i);
+        const global Light *light = &scene->lights[i];
+        const global Candidates *shaft = shafts && i < SHAFT_LIGHTS ? shafts + i : 0;
+        if (HAS_LINES && HAS_RECTANGLE_LIGHTS && light->kind == LIGHT_RECTANGLE && shaft && shaft->count >= 0) {
+            Real u = sample_2d(sampler, (Uint)(1u + 2u * (uint)i)).x;
+            sum = add3(sum, line_irradiance(scene, light, si, lanes, u, shaft, counters));
+            continue;
+        }
+        LightSample s = light_sample(scene, light, si, lanes, sampler, 1u + 2u * (uint)i);
         uint lit = lanes & lanes_of(max3(s.irradiance) > 0.0f);
         counters->dark += popcount(lanes & ~lit);
-        const global Candidates *shaft = shafts ? shafts + i : 0;
         if (HAS_BEAMS && shaft && shaft->count == 0) {
             counters->clear += popcount(lit);
         } else if (lit != 0u) {
@@ -189,7 +187,7 @@ INLINE void paths_load(const Paths *paths, uint lanes, Rays *rays, Real *through
 INLINE Vec direct_radiance(const Scene *scene, Vec o, Vec d, uint lanes, Sampler sampler, const global Candidates *beam,
                            Counters *counters)
 {
-    const global Candidates *shafts = beam && scene->params->light_count <= SHAFT_LIGHTS ? beam + 1 : 0;
+    const global Candidates *shafts = beam ? beam + 1 : 0;
     Vec radiance = vec_of(0.0f, 0.0f, 0.0f);
     Real throughput = (Real)(1.0f);
     Rays rays = {o, d, (Real)(INFINITY), (Int)(-1), (Int)(0), 0u};

@@ -9,6 +9,14 @@
 #include "sampling.h"
 #include "surface.h"
 
+/* What a sample did, for the statistics. */
+typedef struct {
+    uint specular; /* rays traced on from specular surfaces */
+    uint shadow;   /* shadow rays traced, or lines cut by shadows */
+    uint dark;     /* of these saved: the unoccluded light was exactly zero */
+    uint clear;    /* of these saved: nothing stands between the beam and the light */
+} Counters;
+
 typedef struct {
     Vec q;          /* where the shadow ray ends: on the light, off its surface by its rounding error */
     Vec irradiance; /* unoccluded, zero if the light is behind either surface */
@@ -82,6 +90,12 @@ INLINE Vec2 positive_range(Real value, Real slope)
     Real zero = -value / slope;
     Vec2 range = {slope > 0.0f ? max1(zero, (Real)(0.0f)) : 0.0f, slope < 0.0f ? min1(zero, (Real)(1.0f)) : 1.0f};
     return range;
+}
+
+/* A point of a rectangle, moved off it by the rounding error. */
+INLINE Vec off_light(const global Light *light, Vec point)
+{
+    return madd3(vec_load(light->n), (Real)(light->offset), point);
 }
 
 /* A rectangle light, or the part of it that each lane samples. */
@@ -200,7 +214,7 @@ INLINE LightSample rectangle_sample(const global Light *light, const Surface *si
     Vec2 st = sample_bilinear(u, w, &value);
     uint near = lanes & lanes_of(near2 < dot3(patch.e1, patch.e1) + dot3(patch.e2, patch.e2));
     Real solid_angle = sample_solid_angles(to, &patch, height, u, near, &st);
-    s.q = madd3(n, (Real)(light->offset), madd3(patch.e2, st.y, madd3(patch.e1, st.x, patch.corner)));
+    s.q = off_light(light, madd3(patch.e2, st.y, madd3(patch.e1, st.x, patch.corner)));
     to = madd3(patch.e2, st.y, madd3(patch.e1, st.x, to));
     Real inv_r2 = 1.0f / max1(dot3(to, to), tiny);
     Real per_cosine = solid_angle > 0.0f ? solid_angle * sqrt1(inv_r2) : height * inv_r2 * (patch.area * inv_r2) / value;

@@ -7,46 +7,36 @@
 #include "beam.h"
 #include "direct.h"
 
-/* How many of the lights have a shaft of their own. */
-static uint shaft_count(constant SceneParams *params)
-{
-    return params->light_count <= SHAFT_LIGHTS ? (uint)params->light_count : 0u;
-}
-
-/* Before a pass: what each beam of BEAM_PIXELS pixels can meet; one work-item per beam. */
+/* Before a pass: what each of its beams can meet; one work-item per beam. `starts`: the first pixel of each. */
 kernel __attribute__((reqd_work_group_size(LOCAL_SIZE, 1, 1)))
 void trace_beams(const PassParams pass, constant SceneParams *params, const global BvhNode *nodes,
                  const global TriangleBlock *triangle_blocks, const global SphereBlock *sphere_blocks,
                  const global Triangle *triangles, const global Light *lights, const global uint *pixels,
-                 global Candidates *candidates)
+                 const global uint *starts, global Candidates *candidates)
 {
-    uint first = (uint)get_global_id(0) * BEAM_PIXELS;
-    if (first >= pass.pixel_count)
+    uint i = (uint)get_global_id(0);
+    if (i >= pass.beam_count)
         return;
     const Scene scene = {params, nodes, triangle_blocks, sphere_blocks, triangles, 0, 0, 0, 0, 0, lights, 0};
-    Beam beam = beam_of_pixels(&scene, pixels + pass.first_pixel + first, min(pass.pixel_count - first, (uint)BEAM_PIXELS));
-    uint shafts = shaft_count(params);
-    beam_trace(&scene, &beam, (int)shafts, candidates + (first / BEAM_PIXELS) * (1u + shafts));
+    Beam beam = beam_of_pixels(&scene, pixels[pass.first_pixel + starts[i]], BEAM_SIDE);
+    int shafts = shaft_count(params);
+    beam_trace(&scene, &beam, shafts, candidates + (size_t)i * (size_t)(1 + shafts));
 }
 
 /* Traces the samples g … g + PACKET - 1 of a pass that has `samples`. */
-NO_INLINE void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels, const global uint *places,
+NO_INLINE void render_packet(const Scene *scene, const PassParams *pass, const global uint *pixels, const global uint *beams,
                              const global Candidates *candidates, uint g, uint samples, global float *planes,
                              Counters *counters)
 {
     uint count = samples - g < PACKET ? samples - g : PACKET;
     size_t place[PACKET]; /* in a plane */
     uint first_pixel = g / pass->sample_count, p = first_pixel, s = g - p * pass->sample_count;
-    uint beam_index = 0u;
-    bool one_beam = true;
-    Uint pixel, index;
+    Uint pixel, index, beam;
     for (int lane = 0; lane < PACKET; ++lane) {
         uint some = p < pass->pixel_count ? p : first_pixel; /* lanes beyond the end trace nothing */
         ((uint *)&pixel)[lane] = pixels[pass->first_pixel + some];
         ((uint *)&index)[lane] = pass->first_sample + s;
-        uint own = (pass->own_beams ? some : places[pass->first_pixel + some]) / BEAM_PIXELS;
-        one_beam &= lane == 0 || own == beam_index;
-        beam_index = lane == 0 ? own : beam_index;
+        ((uint *)&beam)[lane] = HAS_BEAMS ? beams[some] : 0u;
         place[lane] = (size_t)(3u * s) * pass->stride + p;
         if (++s == pass->sample_count) {
             s = 0u;
@@ -57,8 +47,14 @@ NO_INLINE void render_packet(const Scene *scene, const PassParams *pass, const g
     Vec2 jitter = sample_2d(sampler, (Uint)(0u));
     Vec o, d;
     camera_ray(&scene->params->camera, real_of(pixel & 0xffffu) + jitter.x, real_of(pixel >> 16) + jitter.y, &o, &d);
-    const global Candidates *beam = one_beam ? candidates + (size_t)beam_index * (1u + shaft_count(scene->params)) : 0;
-    Vec radiance = direct_radiance(scene, o, d, ALL_LANES >> (PACKET - count), sampler, beam, counters);
+    Vec radiance;
+    for (uint rest = ALL_LANES >> (PACKET - count), same; rest != 0u; rest &= ~same) { /* mostly all are of one beam */
+        uint number = ((const uint *)&beam)[lowest_bit(rest)];
+        same = rest & lanes_of(beam == number);
+        const global Candidates *known = HAS_BEAMS ? candidates + (size_t)number * (size_t)(1 + shaft_count(scene->params)) : 0;
+        Vec part = direct_radiance(scene, o, d, same, sampler, known, counters);
+        radiance = select3(mask_of(same), part, radiance);
+    }
 
     for (uint lane = 0; lane < count; ++lane) {
         float3 value = vec_lane(&radiance, lane);
@@ -74,7 +70,7 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
             const global TriangleBlock *triangle_blocks, const global SphereBlock *sphere_blocks,
             const global Triangle *triangles, const global Corners *corners, const global Sphere *spheres,
             const global Material *materials, const global Texture *textures, const global float *texels,
-            const global Light *lights, const global uint *cdf, const global uint *pixels, const global uint *places,
+            const global Light *lights, const global uint *cdf, const global uint *pixels, const global uint *beams,
             const global Candidates *candidates, global float *planes, global uint *counts)
 {
     const Scene scene = {params, nodes, triangle_blocks, sphere_blocks, triangles, corners,
@@ -84,7 +80,7 @@ void render(const PassParams pass, constant SceneParams *params, const global Bv
     if (item % PACKET == 0u) {
         Counters counters = {0u, 0u, 0u, 0u};
         if (g < samples)
-            render_packet(&scene, &pass, pixels, places, candidates, g, samples, planes, &counters);
+            render_packet(&scene, &pass, pixels, beams, candidates, g, samples, planes, &counters);
         group[item / PACKET] = counters;
     }
     barrier(CLK_LOCAL_MEM_FENCE);

@@ -154,6 +154,17 @@ INLINE bool triangle_block_hit(const global TriangleBlock *block, const Shear *s
     return changed;
 }
 
+/* A corner of a candidate, on one axis. */
+INLINE float candidate_corner(const Scene *scene, int place, int corner, int axis)
+{
+    return scene->triangle_blocks[place / BVH_WIDTH].vertex[corner][axis][place % BVH_WIDTH];
+}
+
+INLINE int candidate_id(const Scene *scene, int place)
+{
+    return scene->triangle_blocks[place / BVH_WIDTH].id[place % BVH_WIDTH];
+}
+
 /* As triangle_block_hit for lanes whose dominant axis is kz, with some triangles of a block: the same arithmetic, with a
  * triangle and many rays in place of a ray and many triangles. */
 INLINE uint triangle_block_hits_along(const global TriangleBlock *block, uint triangles, int kz, const Rays *rays,
@@ -208,17 +219,28 @@ INLINE uint triangle_block_hits(const global TriangleBlock *block, uint triangle
     return found;
 }
 
-/* As bvh_hits, of a scene that is the first `count` triangles of the block. */
-NO_INLINE uint triangles_hits(const global TriangleBlock *block, int count, const Rays *rays, uint lanes, bool any,
+/* As bvh_hits, of a scene that is the candidates. */
+NO_INLINE uint triangles_hits(const Scene *scene, const global Candidates *candidates, const Rays *rays, uint lanes, bool any,
                               Hits *hits)
 {
     Shears shears;
     hits->t = rays->t_max;
     hits->id = (Int)(-1);
-    if (count == 0)
+    if (candidates->count == 0)
         return 0u;
     lanes = shears_from(rays, lanes, &shears);
-    return triangle_block_hits(block, (1u << count) - 1u, rays, &shears, lanes, any, hits);
+    uint found = 0u;
+    for (int axis = 0; axis < 3; ++axis) {
+        uint some = lanes & lanes_of(shears.kz == axis);
+        for (int k = 0; k < candidates->count && some != 0u; ++k) {
+            int place = candidates->places[k];
+            const global TriangleBlock *block = &scene->triangle_blocks[place / BVH_WIDTH];
+            uint hit = triangle_block_hits_along(block, 1u << place % BVH_WIDTH, axis, rays, &shears, some, any, hits);
+            found |= hit;
+            some = any ? some & ~hit : some;
+        }
+    }
+    return found;
 }
 
 #endif

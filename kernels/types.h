@@ -48,15 +48,18 @@ typedef struct {
     uint node;
 } BuildTask;
 
-/* What a bundle of rays may hit: at most one block of triangles, copied together; or `count` < 0: unknown, so traverse.
- * A beam is the camera rays of BEAM_PIXELS consecutive pixels of a pass, a shaft their shadow rays towards one light. */
+/* What a bundle of rays may hit: a few triangles; or `count` < 0: unknown, so traverse. A beam is the camera rays of
+ * BEAM_SIDE x BEAM_SIDE pixels of the picture, a shaft their shadow rays towards one light. */
+#define BEAM_SIDE 4
 #define BEAM_PIXELS 16
-#define SHAFT_LIGHTS 8 /* scenes of more lights than this trace all shadow rays */
+#define BEAM_CANDIDATES 8
+#define SHAFT_CANDIDATES 30
+#define SHAFT_LIGHTS 8 /* the first ones; of the others all shadow rays are traced */
 
 typedef struct {
-    TriangleBlock block;
     int count;
-    int unused[7];
+    int across; /* of a rectangle light: lines run along its second edge */
+    int places[SHAFT_CANDIDATES]; /* of the triangles: BVH_WIDTH * block + lane */
 } Candidates;
 
 /* Classes of pixels, by what makes their samples differ. */
@@ -173,7 +176,7 @@ typedef struct {
     uint first_sample;
     uint stride;       /* floats from one output plane to the next */
     uint seed;
-    uint own_beams;    /* the beams are those of this pass, or else of a picture, and the pixels' numbers in `places` tell which */
+    uint beam_count;
 } PassParams;
 
 #endif

@@ -124,15 +124,6 @@ INLINE uint beam_block_mask(const Beam *beam, const global TriangleBlock *block,
     return ~mask8(missed) & 0xffu;
 }
 
-/* Copies lane `from` of a block into lane `to` of the candidates. */
-INLINE void candidates_set(global Candidates *out, int to, const global TriangleBlock *block, int from)
-{
-    for (int k = 0; k < 3; ++k)
-        for (int a = 0; a < 3; ++a)
-            out->block.vertex[k][a][to] = block->vertex[k][a][from];
-    out->block.id[to] = block->id[from];
-}
-
 /* Whether lane `lane` of a block lies on or behind the plane of every receiver, as seen from where the beam came. Rays leave a
  * receiver from at least half its offset in front of it (see spawn_point), so such a triangle cannot be in their way. */
 INLINE bool behind_receivers(const Scene *scene, const global Candidates *receivers, const Beam *beam,
@@ -140,7 +131,7 @@ INLINE bool behind_receivers(const Scene *scene, const global Candidates *receiv
 {
     NO_UNROLL
     for (int i = 0; i < receivers->count; ++i) {
-        const global Triangle *tri = &scene->triangles[receivers->block.id[i]];
+        const global Triangle *tri = &scene->triangles[candidate_id(scene, receivers->places[i])];
         float3 n = load3(tri->n), v0 = load3(tri->v0);
         float side = dot3(n, beam->d[0]) < 0.0f ? 1.0f : -1.0f;
         for (int k = 0; k < 4; ++k)
@@ -158,9 +149,9 @@ INLINE bool behind_receivers(const Scene *scene, const global Candidates *receiv
 
 /* Gathers the triangles that some ray of the bundle may hit. For a beam, `receivers` is 0. For a shaft they are the beam's
  * candidates, and the light's own primitives, `light_count` from `light_first` on, are left out. More triangles than
- * fit, or a sphere, leave the candidates unknown. */
+ * `limit`, or a sphere, leave the candidates unknown. */
 INLINE void volume_collect(const Scene *scene, const Volume *volume, const Beam *beam, const global Candidates *receivers,
-                           int light_first, uint light_count, global Candidates *out)
+                           int light_first, uint light_count, int limit, global Candidates *out)
 {
     int stack[BVH_STACK_SIZE];
     int top = 0, count = 0;
@@ -178,7 +169,8 @@ INLINE void volume_collect(const Scene *scene, const Volume *volume, const Beam 
                 return;
             continue;
         }
-        const global TriangleBlock *block = &scene->triangle_blocks[~reference >> 1];
+        int index = ~reference >> 1;
+        const global TriangleBlock *block = &scene->triangle_blocks[index];
         uint mask = volume_block_mask(volume, block);
         if (!receivers && mask != 0u)
             mask &= beam_block_mask(beam, block, volume->pad);
@@ -189,15 +181,10 @@ INLINE void volume_collect(const Scene *scene, const Volume *volume, const Beam 
                 continue;
             if (receivers && behind_receivers(scene, receivers, beam, block, lane))
                 continue;
-            if (count == BVH_WIDTH)
+            if (count == limit)
                 return;
-            candidates_set(out, count++, block, lane);
+            out->places[count++] = BVH_WIDTH * index + lane;
         }
-    }
-    for (int lane = count; lane < BVH_WIDTH; ++lane) {
-        for (int k = 0; k < 3; ++k)
-            out->block.vertex[k][0][lane] = NAN;
-        out->block.id[lane] = -1;
     }
     out->count = count;
 }

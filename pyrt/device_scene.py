@@ -40,6 +40,7 @@ class DeviceScene:
         *,
         all_features: bool,
         beams: bool,
+        lines: bool,
         build_flags: tuple[str, ...],
         progress: Progress,
     ):
@@ -55,7 +56,7 @@ class DeviceScene:
         progress({"stage": "compile", "done": 0.0})
         start = perf_counter()
         self._beams = beams
-        shape = [f"-DHAS_BEAMS={int(beams)}", f"-DPACKET={device.packet}"]
+        shape = [f"-DHAS_BEAMS={int(beams)}", f"-DHAS_LINES={int(beams and lines)}", f"-DPACKET={device.packet}"]
         options = [*build_options(self._features, everything=all_features), *shape, *build_flags]
         self._kernels = device.build("render.cl", options)
         self._seconds["compile"] = perf_counter() - start
@@ -78,7 +79,7 @@ class DeviceScene:
     ) -> SampleTracer:
         """What traces samples of the picture with these parameters; for the arguments see `SampleTracer`."""
         lights = int(self._packed.params["light_count"])
-        candidates = 1 + lights * (lights <= constants()["SHAFT_LIGHTS"])
+        candidates = 1 + min(lights, constants()["SHAFT_LIGHTS"])
         return SampleTracer(
             device=self.device,
             kernels=self._kernels,

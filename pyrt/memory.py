@@ -91,7 +91,7 @@ def picture_bytes(
     pixel_step, sample_step = pass_shape(spp, PASS_SAMPLES)
     in_pass = min(pixels, pixel_step)
     planes = 12 * in_pass * sample_step
-    shafts = lights if lights <= constants()["SHAFT_LIGHTS"] else 0
+    shafts = min(lights, constants()["SHAFT_LIGHTS"])
     beam_bytes = dtypes()["Candidates"].itemsize * (1 + shafts)
     ahead = beam_bytes * (pixels // beam)
     beams = ahead if (keep or adaptive) and ahead <= MAX_BEAM_BYTES else beam_bytes * (in_pass // beam)

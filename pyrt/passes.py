@@ -16,7 +16,7 @@ from pyrt.layout import constants, dtypes
 
 PASS_SAMPLES = 1 << 20  # samples of one pass, by default: 12 MiB of radiance
 _PIXEL_SAMPLES = 1024  # of a pixel in one pass: with more, there would be few pixels, and sums over short rows
-_TILE = 4  # pixels along a side: a beam's pixels, if they all lie in the picture
+_TILE = 4  # pixels along a side: those of a beam follow each other
 _PLANE_PAD = 16  # floats between planes beyond the pixels, so that planes do not share cache sets
 
 MAX_BEAM_BYTES = 1 << 30  # of a whole picture
@@ -54,11 +54,19 @@ class Scratch:
 
 @dataclass(frozen=True)
 class Ahead:
-    """The beams of a picture: PassParams of one pass of all its pixels, and the buffers of these and of the beams."""
+    """The beams of a picture.
+
+    Attributes:
+        params: PassParams of one pass of all its pixels.
+        pixels, starts, candidates: buffers of these, of each beam's first pixel, and of what the beams meet.
+        beams: (pixels,) uint32, the beam of each pixel.
+    """
 
     params: NDArray[Any]
     pixels: Any
-    beams: Any
+    starts: Any
+    candidates: Any
+    beams: NDArray[np.uint32]
 
 
 @dataclass(frozen=True)
@@ -97,13 +105,15 @@ class SampleTracer:
 
     def look_ahead(self, pixels: NDArray[np.uint32]) -> Ahead | None:
         """The beams of all pixels of a picture, for `trace`; None if there are none, or too many to keep."""
-        params = _pass_params(0, len(pixels), 0, 1)
-        size = beam_count(params) * self.beam_bytes
+        starts, beams = _beams_of(pixels)
+        size = len(starts) * self.beam_bytes
         if not 0 < size <= min(MAX_BEAM_BYTES, self.device.info.max_alloc):
             return None
+        params = _pass_params(0, len(pixels), 0, 1)
         start = perf_counter()
-        ahead = Ahead(params, self.device.upload("pixels", pixels), self.scratch.buffer("beams ahead", size))
-        self._trace_beams(params, ahead.pixels, ahead.beams)
+        buffers = self.device.upload("pixels", pixels), self.device.upload("starts", starts)
+        ahead = Ahead(params, *buffers, self.scratch.buffer("beams ahead", size), beams)
+        self._trace_beams(params, len(starts), ahead.pixels, ahead.starts, ahead.candidates)
         self.tally.render_seconds += perf_counter() - start
         return ahead
 
@@ -144,19 +154,13 @@ class SampleTracer:
         pixel_buffer = self.device.upload("pixels", pixels)
         planes = self.scratch.buffer("planes", 4 * max(3 * int(p["sample_count"]) * int(p["stride"]) for p in passes))
         counts = self.scratch.buffer("counts", 16 * max(_groups(p) for p in passes))
-        if ahead is None:
-            own_beams = self.scratch.buffer("beams", max(beam_count(p) for p in passes) * self.beam_bytes)
-            beams = own_beams
-        else:
-            beams = ahead.beams
         listed = pixel_buffer if places is None else self.device.upload("places", np.asarray(places, np.uint32))
         for params in passes:
-            params["seed"], params["own_beams"] = self.seed, ahead is None
+            params["seed"] = self.seed
             start = perf_counter()
-            if ahead is None and self.beam_bytes:
-                self._trace_beams(params, pixel_buffer, beams)
+            beams, candidates = self._beams(params, pixels, pixel_buffer, ahead, places)
             scene = (params.tobytes(), self.parameters, *self.buffers.values())
-            lists = (pixel_buffer, listed, beams, planes, counts)
+            lists = (pixel_buffer, beams, candidates, planes, counts)
             self.device.run(self.kernels["render"], _items(params), *scene, *lists)
             self.tally.render_seconds += perf_counter() - start
             start = perf_counter()
@@ -166,10 +170,31 @@ class SampleTracer:
             yield Traced(params, planes, listed)
             self.tally.reduce_seconds += perf_counter() - start
 
-    def _trace_beams(self, params: NDArray[Any], pixels: Any, beams: Any) -> None:
+    def _beams(
+        self,
+        params: NDArray[Any],
+        pixels: NDArray[np.uint32],
+        pixel_buffer: Any,
+        ahead: Ahead | None,
+        places: NDArray[np.intp] | None,
+    ) -> tuple[Any, Any]:
+        """Buffers of the beam of each pixel of a pass, and of what the beams meet: of a picture, or traced now."""
+        first = int(params["first_pixel"])
+        part = slice(first, first + int(params["pixel_count"]))
+        if ahead is not None and places is not None:
+            return self.device.upload("beams", ahead.beams[places[part]]), ahead.candidates
+        if not self.beam_bytes:
+            return pixel_buffer, pixel_buffer
+        starts, beams = _beams_of(pixels[part])
+        candidates = self.scratch.buffer("beams", len(starts) * self.beam_bytes)
+        self._trace_beams(params, len(starts), pixel_buffer, self.device.upload("starts", starts), candidates)
+        return self.device.upload("beams", beams), candidates
+
+    def _trace_beams(self, params: NDArray[Any], count: int, pixels: Any, starts: Any, candidates: Any) -> None:
+        params["beam_count"] = count
         names = ("nodes", "triangle_blocks", "sphere_blocks", "triangles", "lights")
         scene = (params.tobytes(), self.parameters, *(self.buffers[name] for name in names))
-        self.device.run(self.kernels["trace_beams"], beam_count(params), *scene, pixels, beams)
+        self.device.run(self.kernels["trace_beams"], count, *scene, pixels, starts, candidates)
 
     def _reduce(self, traced: Traced, film: Film) -> None:
         params = traced.params
@@ -242,12 +267,19 @@ def pass_shape(samples: int, pass_samples: int) -> tuple[int, int]:
     return max(1, pass_samples // (sample_step * beam)) * beam, sample_step
 
 
+def _beams_of(pixels: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Which of the pixels are the first of their beam, and the number of each pixel's beam. A beam is that of a tile of
+    the picture, whatever the list of pixels, so that it tells the same of a pixel in any pass, crop or round."""
+    tiles = pixels & np.uint32(0x10001 * (0x10000 - constants()["BEAM_SIDE"]))
+    first = np.empty(len(pixels), bool)
+    first[:1] = True
+    np.not_equal(tiles[1:], tiles[:-1], out=first[1:])
+    starts = np.flatnonzero(first).astype(np.uint32)
+    return starts, np.cumsum(first, dtype=np.uint32) - np.uint32(1)
+
+
 def _items(params: NDArray[Any]) -> int:
     return int(params["pixel_count"]) * int(params["sample_count"])
-
-
-def beam_count(params: NDArray[Any]) -> int:
-    return -(-int(params["pixel_count"]) // constants()["BEAM_PIXELS"])
 
 
 def _groups(params: NDArray[Any]) -> int:

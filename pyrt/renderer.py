@@ -25,7 +25,8 @@ class Renderer:
         scene: what to render.
         device: index or part of the name of an OpenCL device; None chooses. Or an open one.
         all_features: compile every feature in, needed or not (the image is the same).
-        beams: look ahead what the rays of neighbouring pixels can hit (the image is the same).
+        beams: look ahead what the rays of neighbouring pixels can hit (without lines, the image is the same).
+        lines: sample rectangle lights by whole lines where that tells what may hide them: less noise, the same mean.
         build_flags: more options for the OpenCL compiler.
         progress: called with a dict at each stage ("build", "compile", then as for `render`).
 
@@ -41,6 +42,7 @@ class Renderer:
         *,
         all_features: bool = False,
         beams: bool = True,
+        lines: bool = True,
         build_flags: tuple[str, ...] = (),
         progress: Progress | None = None,
     ):
@@ -55,6 +57,7 @@ class Renderer:
             device if isinstance(device, Device) else open_device(device),
             all_features=all_features,
             beams=beams,
+            lines=lines,
             build_flags=build_flags,
             progress=self._progress,
         )

@@ -81,16 +81,16 @@ CONTROLS = {
     "ties to the first that is found": Control(
         "scene.h", "(((T) < (HIT)->t) | (((T) == (HIT)->t) & ((ID) < (HIT)->id)))", "((T) < (HIT)->t)"
     ),
-    "lamps without offset": Control("light.h", "(Real)(light->offset), madd3(patch.e2", "(Real)(0.0f), madd3(patch.e2"),
+    "lamps without offset": Control("light.h", "(Real)(light->offset), point)", "(Real)(0.0f), point)"),
     "no box padding": Control("bvh.h", "#define BOX_ULPS 8.0f", "#define BOX_ULPS 0.0f"),
     "relative shadow epsilon": Control("direct.h", "s->q, o), (Real)(1.0f)", "s->q, o), (Real)(1.0f - 1e-3f)"),
+    "lines that end before the lamp": Control("line.h", "d.alpha) < 1.0f", "d.alpha) < 1.0f - 1e-3f"),
     "no id skip": Control("scene.h", "id == ray->self || ", ""),
     "no offset": Control("surface.h", "madd3(n, si->offset, si->p)", "si->p"),
     "texels by truncation": Control("texture.h", "float f = x - floor1(x);", "float f = x - (float)(int)x;"),
     "no edge margin": Control("surface.h", "if (lanes_of(min1(u, min1(v, w)) < share) != 0u)", "if (false)"),
     "shrunken volumes": Control("volume.h", "d * inv + volume->pad", "d * inv - 1e-2f"),
     "shrunken intervals": Control("bvh.h", "lanes_min(in ? place - pad", "lanes_min(in ? place + 1e-2f"),
-    "beams of opposite corners": Control("volume.h", " || (s.sz < 0.0f) != (first.sz < 0.0f)", ""),
     "beams that start on their axis": Control(
         "beam.h", "if (forwards > 0.01f * dot3(axis, axis))\n        volume_add", "volume_add"
     ),
@@ -99,6 +99,11 @@ CONTROLS = {
     "receivers' planes moved up": Control("volume.h", "+ error <= 0.5f * tri->offset", "+ error <= 0.5f"),
     "vectors of rays too long": Control("rays.h", "limit *= power4(*exponent);", "limit *= 1.5 * power4(*exponent);"),
     "every ray alone": Control("bvh.h", "#define LANES_TOGETHER 3", "#define LANES_TOGETHER 9"),
+    "shadows that do not meet": Control(
+        "line.h", "(p.beta * q.side - q.beta * p.side) * inv", "p.beta - (q.beta - p.beta) * (p.side * inv)"
+    ),
+    "lines of equal weight": Control("line.h", "? 2.0f * lerp1(first, last, v) / sum : 0.0f", "? 1.0f : 0.0f"),
+    "lamps' lines too long": Control("line.h", "line.high = (Real)(1.0f);", "line.high = (Real)(1.02f);"),
     # No protection, but, for rays alone, the truth for one: every box is entered, and nothing is culled by distance.
     "brute force": Control(
         "bvh.h",

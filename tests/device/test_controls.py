@@ -74,7 +74,7 @@ def test_boxes_without_padding_differ_from_brute_force():
 
 
 def test_a_relative_shadow_epsilon_sees_the_lamp_through_a_plate():
-    with kernels("relative shadow epsilon"):
+    with kernels("relative shadow epsilon", "lines that end before the lamp"):
         assert lit_under_plate(1e-2) == 0
         assert lit_under_plate(1e-4) == 32 * 32
 

@@ -212,9 +212,9 @@ def test_penumbra_is_the_part_of_the_light_that_is_seen(occluders):
 
 def test_penumbra_converges_faster_than_randomly():
     scene, truth = occluded_scene(TRIANGLE)
-    spp = np.array([16, 64, 256, 1024])
+    spp = np.array([4, 16, 64])
     error = [math.sqrt(np.mean((replicates(scene, int(n), SIZE, 4) - truth) ** 2)) for n in spp]
-    assert np.polyfit(np.log(spp), np.log(error), 1)[0] <= -0.7
+    assert np.polyfit(np.log(spp), np.log(error), 1)[0] <= -1
 
 
 @pytest.mark.parametrize("gap", [1e-1, 1e-3, 1e-5])
