@@ -68,8 +68,8 @@ def test_an_adaptive_render_comes_back_too(tmp_path):
         level=rng.integers(0, 31, pixels, np.uint8),
         wanted=rng.integers(0, 31, pixels, np.uint8),
         classes=rng.integers(0, 4, pixels, np.uint8),
-        decay=rng.random(4),
-        falls=np.exp(rng.uniform(-20, 20, (3, 4))),
+        decay=rng.random(5),
+        falls=np.exp(rng.uniform(-20, 20, (3, 5))),
         dropped=3,
     )
     order = rng.permutation(pixels)
