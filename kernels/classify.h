@@ -12,9 +12,17 @@
 #define COPLANAR_ULPS 64.0f
 #define EDGE_SLACK 1e-5f /* in barycentrics: neighbours overlap rather than leave a crack */
 
-/* The candidates side by side; those beyond the block's width are left out. */
+/* Whether there are some candidates, and no more than lanes. */
+INLINE bool candidates_fit(const global Candidates *candidates)
+{
+    return candidates->count > 0 && candidates->count <= BVH_WIDTH;
+}
+
+/* The candidates side by side, if they fit; unused lanes hold NaN. */
 static void candidates_gather(const Scene *scene, const global Candidates *candidates, global TriangleBlock *block)
 {
+    if (!candidates_fit(candidates))
+        return;
     for (int lane = 0; lane < BVH_WIDTH; ++lane) {
         bool some = lane < candidates->count;
         int place = some ? candidates->places[lane] : 0;
@@ -145,7 +153,7 @@ static uchar classify_light(const Scene *scene, const float3 *footprint, float3 
         return PIXEL_PENUMBRA;
     if (shaft->count == 0)
         return PIXEL_PLAIN;
-    if (shaft->count < 0 || shaft->count > BVH_WIDTH)
+    if (!candidates_fit(shaft))
         return PIXEL_UNKNOWN;
     Box from = box_empty();
     for (int k = 0; k < 4; ++k)
@@ -165,7 +173,9 @@ static uchar classify_light(const Scene *scene, const float3 *footprint, float3 
 static uchar classify_beam(const Scene *scene, const Beam *beam, const global Candidates *candidates,
                            const global TriangleBlock *block, int shafts)
 {
-    if (candidates->count < 0 || candidates->count > BVH_WIDTH || shafts < scene->params->light_count)
+    if (candidates->count == 0)
+        return PIXEL_PLAIN;
+    if (!candidates_fit(candidates) || shafts < scene->params->light_count)
         return PIXEL_UNKNOWN;
     Volume volume = beam_volume(scene, beam);
     uint mask = volume_block_mask(&volume, block) & beam_block_mask(beam, block, volume.pad);

@@ -220,14 +220,14 @@ def _doublings(state: Adaptive, guide: Guide, target: float, top: int) -> NDArra
     """
     error = float(_errors(state).mean())
     target = _AIM * target if error > target else _SHARPEN * error
-    decay, samples = state.decay[:, None], np.exp2(np.arange(top + 1))
+    levels = np.arange(int(state.level.max()) + 1)
+    decay, samples = state.decay[:, None], np.exp2(levels)
     factors = samples ** -np.log2(decay)  # the variance of n samples falls as their inverse
-    kinds = state.classes * np.uint8(top + 1) + state.level
+    kinds = state.classes * np.uint8(len(levels)) + state.level
     sums = np.bincount(kinds, state.error, factors.size).reshape(factors.shape)
     means = (sums * factors).sum(axis=1) / np.maximum(np.bincount(state.classes, None, len(decay)), 1)
-    shifts = np.log2(
-        decay / (samples * factors)
-    )  # decay / (1 − decay) of the error is variance, 1 − decay of this falls
+    # decay / (1 − decay) of the error is variance, and 1 − decay of this falls
+    shifts = np.log2(decay / (samples * factors))
     tables = (array.astype(np.float32) for array in (factors, means, shifts))
     keys = guide.gains(state.error.astype(np.float32), kinds, *tables)
 
@@ -239,7 +239,7 @@ def _doublings(state: Adaptive, guide: Guide, target: float, top: int) -> NDArra
     gains += np.log2(scale)
     least = _least_gain(gains, variance.sum(axis=1), decay, target * len(keys))
     steps = np.ceil(np.maximum(gains - least, 0) / (1 - np.log2(decay)))[:, None]
-    doublings = np.minimum((steps + 1) // 2, (top - np.arange(top + 1))[:, None]).astype(np.uint8)
+    doublings = np.minimum((steps + 1) // 2, (top - levels)[:, None]).astype(np.uint8)
     doublings[~_worth_tracing(doublings, variance, pixels, decay, 2.0**least)] = 0
     return np.asarray(doublings.ravel()[keys])
 

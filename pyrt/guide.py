@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyrt.device import Device
 from pyrt.layout import constants, dtypes
 from pyrt.partial import Adaptive
-from pyrt.passes import Ahead, Traced, tile_order
+from pyrt.passes import Ahead, Scratch, Traced, tile_order
 
 GAIN_STEPS = 4  # bins per octave
 LOW_GAIN, GAIN_BINS = -80.0, 88 * GAIN_STEPS  # logarithm of the first bin's lower end, and their number
@@ -53,14 +53,14 @@ class Guide:
         order = tile_order(width, height).astype(np.uint32)
         return cls(device, kernels, buffers, parameters, np.array([width, height, row], np.uint32), order, pictures)
 
-    def classify(self, ahead: Ahead) -> NDArray[np.uint8]:
+    def classify(self, ahead: Ahead, scratch: Scratch) -> NDArray[np.uint8]:
         """PIXEL_… of types.h for each pixel of a picture."""
         classes = np.empty(len(ahead.beams), np.uint8)
         names = ("triangles", "corners", "materials", "textures", "lights", "triangle_blocks")
         head = (ahead.params.tobytes(), self.parameters, *(self.buffers[name] for name in names))
         layout = dtypes()
         gathered = ahead.candidates.size // layout["Candidates"].itemsize * layout["TriangleBlock"].itemsize
-        lists = (ahead.pixels, ahead.starts, ahead.candidates, self.device.allocate(gathered))
+        lists = (ahead.pixels, ahead.starts, ahead.candidates, scratch.buffer("gathered", gathered))
         self.device.run(self.kernels["classify"], int(ahead.params["beam_count"]), *head, *lists, fill=[classes])
         return classes
 

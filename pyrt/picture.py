@@ -159,7 +159,7 @@ def _adaptively(picture: _Picture, start: PartialAdaptive | None) -> Result:
 
     ahead = tracer.look_ahead(pixels)
     if ahead is not None:
-        state.classes[:] = guide.classify(ahead)
+        state.classes[:] = guide.classify(ahead, tracer.scratch)
 
     def trace(group: NDArray[np.intp], first: int, count: int) -> None:
         work = (pixels[group], first, count, ahead, group)

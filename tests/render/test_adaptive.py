@@ -62,7 +62,7 @@ def let_each_judge_itself(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def all_of_class(name: str) -> Any:
     index = constants()[f"PIXEL_{name}"]
-    return lambda guide, ahead: np.full(len(ahead.beams), index, np.uint8)
+    return lambda guide, ahead, scratch: np.full(len(ahead.beams), index, np.uint8)
 
 
 # Samples --------------------------------------------------------------------------------------------------------------
