@@ -57,6 +57,7 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
     }
     settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
     repeats = args.repeats or (3 if args.quick else 7)
+    names = tuple(name.replace(" ", "_") for name in args.scene or ())
     return {
         "error": lambda: error.run(settings, out),
         "rays": lambda: rays.run(args.quick, repeats, args.mesh),
@@ -64,7 +65,7 @@ def _jobs(args: argparse.Namespace, out: Path) -> dict[str, Callable[[], Outcome
         "start": lambda: start.run(args.quick, repeats),
         "growth": lambda: growth.run(args.quick, min(repeats, 3), out),
         "cost": lambda: cost.run(args.quick, repeats),
-        "numerics": lambda: bias.run(args.quick, out) if args.bias else numerics.run(args.quick),
+        "numerics": lambda: bias.run(args.quick, out, names) if args.bias else numerics.run(args.quick),
     }
 
 
@@ -99,7 +100,8 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         type=_scene_name,
         metavar="NAME",
-        help=f"error: only this one; may be repeated ({', '.join(ERROR_SCENES)}; with a seed: {', '.join(GENERATORS)})",
+        help="error, numerics --bias: only this one; may be repeated "
+        f"({', '.join(ERROR_SCENES)}; with a seed: {', '.join(GENERATORS)})",
     )
     parser.add_argument("--size", type=int, metavar="N", help="error: pictures of N×N pixels")
     parser.add_argument("--reference-spp", type=int, metavar="N", help="error: samples of the reference")

@@ -54,11 +54,11 @@ class Bias:
     deviation: float
 
 
-def run(quick: bool, out: Path) -> Outcome:
-    """Both comparisons of every shipped scene; the float64 pictures are kept in `out`."""
+def run(quick: bool, out: Path, names: tuple[str, ...] = ()) -> Outcome:
+    """Both comparisons of the named scenes, or of every shipped one; the float64 pictures are kept in `out`."""
     ladder = QUICK_LADDER if quick else LADDER
     same, other, figures, data = [], [], {}, {}
-    for name in QUICK_SCENES if quick else SCENES:
+    for name in names or (QUICK_SCENES if quick else SCENES):
         print(f"bias: {name}", file=sys.stderr)
         scene = shipped(name)
         bias = compare(scene, *references(scene, ladder, out / "reference"), ladder)
