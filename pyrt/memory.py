@@ -14,7 +14,7 @@ from pyrt.scene import ImageTexture, Mesh, Rectangle, Scene, Sphere
 _PROGRAM = 125 << 20  # Python, numpy, OpenCL with its compiler, OpenImageIO
 _TRIANGLE = 230  # while the tree is built
 _SPHERE = 200
-_OBJECTS = {Mesh: 770, Rectangle: 980, Sphere: 560}  # of the scene file
+_OBJECTS = {Mesh: 690, Rectangle: 950, Sphere: 560}  # of the scene file
 _TEXEL = 12
 _KEPT = 30  # of a pixel: its places in lists, if what it takes to continue is kept
 _SUM = 48  # of a pixel: its channels and their squares, in float64
