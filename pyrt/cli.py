@@ -11,7 +11,8 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import TextIO
+from contextlib import suppress
+from typing import Any, TextIO
 
 from pyrt import __version__, cli_denoise, cli_device, cli_image, cli_merge, cli_render, cli_scene
 from pyrt.cli_options import EXIT_CODES, nearest, say
@@ -87,9 +88,17 @@ def _check_options(parser: argparse.ArgumentParser, words: list[str]) -> None:
             parser.error(f"no option {name}{nearest(name, known)}")
 
 
+class _Parser(argparse.ArgumentParser):
+    """Writes as `say` does. Older versions of argparse fail on a stream that is full, and so with another exit code."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        with suppress(OSError):
+            super()._print_message(message, file)
+
+
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser of everything, and those of the verbs by name."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="pyrt",
         usage="pyrt VERB ...",
         description="A ray tracer that Python drives and OpenCL runs.",

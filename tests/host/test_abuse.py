@@ -120,7 +120,7 @@ for file in sorted(Path(sys.argv[1]).iterdir()):
         read_texture(file)
     except SceneError as error:
         print(error)
-print(int(re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[1]) >> 10)  # ru_maxrss has the parent's
+print(int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1]) >> 10)  # ru_maxrss has the parent's
 """
 
 
