@@ -9,6 +9,7 @@ logarithm of the number of samples.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -67,10 +68,21 @@ class Film:
 
         `reuse`: its sums may overwrite the other film's, which is of no use afterwards.
         """
-        nodes = dict(self.nodes())
-        for (level, index), sums in other.nodes().items():
-            _insert(nodes, level, index, sums, reuse)
-        return Film(self.count + other.count, {0: nodes}, self.dropped + other.dropped)
+        strips, starts = {}, sorted(self.strips)
+        for first, theirs in (other.strips or {0: {}}).items():
+            width = next((sums.shape[2] for sums in theirs.values()), len(self.count))
+            strips[first] = self._part(starts, first, first + width)
+            for (level, index), sums in theirs.items():
+                _insert(strips[first], level, index, sums, reuse)
+        return Film(self.count + other.count, strips, self.dropped + other.dropped)
+
+    def _part(self, starts: list[int], first: int, end: int) -> Nodes:
+        """The nodes of the pixels first … end − 1; not copies where these lie in one strip. `starts`: of the strips."""
+        pieces: dict[tuple[int, int], list[Sums]] = {}
+        for start in starts[max(bisect_right(starts, first) - 1, 0) : bisect_left(starts, end)]:
+            for key, sums in self.strips[start].items():
+                pieces.setdefault(key, []).append(sums[..., max(first - start, 0) : end - start])
+        return {key: each[0] if len(each) == 1 else np.concatenate(each, axis=2) for key, each in pieces.items()}
 
     def nodes(self) -> Nodes:
         """The nodes of all strips together; not copies where there is one strip."""

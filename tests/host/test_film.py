@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -155,6 +157,30 @@ def test_running_sums_would_differ():
     x = random_planes(100).astype(float)
     halves = np.cumsum(x[:37], axis=0)[-1] + np.cumsum(x[37:], axis=0)[-1]
     assert (halves != np.cumsum(x, axis=0)[-1]).any()
+
+
+@pytest.mark.parametrize("cuts", [[0, 24, 40], [0, 8, 16, 24, 32, 40], [0, 5, 33, 40], [0, 40]])
+@pytest.mark.parametrize("others", [[0, 24, 40], [0, 16, 24, 32, 40], [0, 1, 40]])
+def test_films_in_other_strips_merge(cuts, others):
+    """Whatever the strips, they have the nodes of the whole; and neither film changes."""
+    planes = random_planes(12, pixels=40)
+
+    def in_strips(first: int, end: int, edges: list[int]) -> Film:
+        film = Film.empty(40)
+        for low, high in pairwise(edges):
+            film.add(planes[first:end, :, low:high], low, first)
+        return film
+
+    a, b = in_strips(0, 5, cuts), in_strips(5, 12, others)
+    before = [copy.deepcopy(film) for film in (a, b)]
+    assert_same_bits(a.merge(b), film_of(planes))
+    assert_same_bits(b.merge(a), film_of(planes))
+    for film, old in zip((a, b), before, strict=True):
+        assert_same_bits(film, old)
+    assert_same_bits(a.merge(b, reuse=True), film_of(planes))
+    assert_same_bits(a, before[0])
+    assert_same_bits(a.merge(Film.empty(40)), a)
+    assert_same_bits(Film.empty(40).merge(a), a)
 
 
 def test_strips_of_pixels_are_independent():
