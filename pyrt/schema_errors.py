@@ -6,6 +6,7 @@ import difflib
 import json
 import re
 from collections.abc import Iterable
+from functools import cache, lru_cache
 from typing import Any
 
 from pydantic import ValidationError
@@ -63,8 +64,12 @@ def quote(value: Any) -> str:
 
 def suggestion(name: object, valid: Iterable[str]) -> str:
     """The end of a sentence about an unknown name: the nearest valid one, or all of them."""
-    names = list(valid)
-    close = difflib.get_close_matches(str(name), names, 1)
+    return _suggestion(str(name), tuple(valid))
+
+
+@lru_cache(1024)  # a million objects may have the same wrong key
+def _suggestion(name: str, names: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(name, names, 1)
     if close:
         return f"; did you mean {quote(close[0])}?"
     shown = [quote(n) for n in names[:_MAX_NAMES]] + ["..."] * (len(names) > _MAX_NAMES)
@@ -114,9 +119,14 @@ def _sentence(error: Any) -> str:
     return f"{path}: expected {_TYPES.get(kind, error['msg'])}, got {quote(found)}"
 
 
+@cache
+def _schema() -> dict[str, Any]:
+    return json_schema()
+
+
 def _node(location: Location) -> dict[str, Any]:
     """The JSON Schema of what is at one of pydantic's locations."""
-    schema = json_schema()
+    schema = _schema()
     node: dict[str, Any] = schema
     for step in location:
         if "discriminator" in node:

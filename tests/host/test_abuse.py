@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pyrt import image_io, loading, mesh_obj, scene_io
+from pyrt import image_io, loading, mesh_obj, scene_io, schema_errors
 from pyrt.errors import PyrtError, SceneError, UsageError
 from pyrt.image_io import read_picture, read_texture, write_image
 from pyrt.mesh_io import load_mesh
+from pyrt.schema import json_schema
 
 PLY = b"""ply
 format %s 1.0
@@ -196,6 +197,17 @@ def test_objects_that_memory_cannot_hold_are_not_made(monkeypatch):
     monkeypatch.setattr(loading, "available", lambda: 1e9)
     with pytest.raises(PyrtError, match=r"objects\[1\]: 5,242,880 triangles, memory has room for 4,757,120 more"):
         scene_io.load_scene({"objects": [BALL, BALL]})
+
+
+def test_the_schema_is_made_once_for_all_problems(monkeypatch):
+    made = []
+    monkeypatch.setattr(schema_errors, "json_schema", lambda: made.append(1) or json_schema())
+    schema_errors._schema.cache_clear()
+    ball = {"type": "sphere", "center": [0, 0, 0], "radius": 1, "light": {"radiance": [1, 1, 1]}}
+    with pytest.raises(SceneError) as caught:
+        scene_io.load_scene({"objects": [{**ball, "colour": 1}] * 1000})
+    assert caught.value.problems[999].startswith("scene: objects[999].colour: unknown key")
+    assert len(made) == 1
 
 
 def test_a_message_ends(tmp_path):
